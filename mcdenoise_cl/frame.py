@@ -1,0 +1,141 @@
+"""`Frame`: the named planes of one image, checked once, at the door."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cl_array
+
+from .errors import FrameError
+
+#: Planes with three channels, (H, W, 3).
+VECTOR_PLANES = (
+    "color",
+    "albedo",
+    "normal",
+    "color_variance",
+    "albedo_variance",
+    "normal_variance",
+    "color_a",
+    "color_b",
+)
+#: Planes with one channel, (H, W).
+SCALAR_PLANES = ("depth", "depth_variance")
+PLANES = VECTOR_PLANES + SCALAR_PLANES
+DTYPES = (np.dtype("f2"), np.dtype("f4"), np.dtype("f8"))
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One rendered image and what the renderer knows about it.
+
+    Every plane is a NumPy array, or every plane is a `pyopencl.array.Array`; float16, float32 or float64.
+    Only `color` is required. Nothing is copied.
+
+    Attributes:
+        color: (H, W, 3), scene-linear radiance, any range.
+        albedo: (H, W, 3), reflectance, usually in [0, 1]; 0 on lights and where a ray leaves the scene.
+        normal: (H, W, 3), shading normal in world space, each component in [-1, 1].
+        depth: (H, W), distance from the camera in scene units.
+        color_variance, albedo_variance, normal_variance: (H, W, 3), variance of the pixel mean.
+        depth_variance: (H, W), variance of the pixel mean.
+        color_a, color_b: (H, W, 3), two independent renderings with half the samples each, whose mean is `color`.
+        metadata: free-form facts, for instance `samples_per_pixel`.
+
+    Raises:
+        FrameError: a plane is missing its pair, or has a shape or dtype that cannot be used, or host and
+            device arrays are mixed.
+
+    Example:
+        >>> import numpy as np
+        >>> frame = Frame(np.ones((4, 6, 3), np.float32), depth=np.ones((4, 6), np.float16))
+        >>> frame.shape, sorted(frame.planes())
+        ((4, 6), ['color', 'depth'])
+    """
+
+    color: Any
+    albedo: Any = None
+    normal: Any = None
+    depth: Any = None
+    color_variance: Any = None
+    albedo_variance: Any = None
+    normal_variance: Any = None
+    depth_variance: Any = None
+    color_a: Any = None
+    color_b: Any = None
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.color is None:
+            raise FrameError("color is missing: every frame needs a colour plane of shape (H, W, 3)")
+        for name, plane in self.planes().items():
+            _check_type(name, plane)
+            _check_shape(name, plane, tuple(self.color.shape[:2]))
+        if (self.color_a is None) != (self.color_b is None):
+            have, lack = ("color_a", "color_b") if self.color_b is None else ("color_b", "color_a")
+            raise FrameError(f"{have} is given but {lack} is not: pass both half buffers, or neither")
+        for name in PLANES:
+            feature = name.removesuffix("_variance")
+            if feature != name and getattr(self, name) is not None and getattr(self, feature) is None:
+                raise FrameError(
+                    f"{name} is given but {feature} is not: pass {feature} too, or leave {name} out"
+                )
+        kinds = {name: isinstance(plane, cl_array.Array) for name, plane in self.planes().items()}
+        if len(set(kinds.values())) > 1:
+            host = next(name for name, on_device in kinds.items() if not on_device)
+            device = next(name for name, on_device in kinds.items() if on_device)
+            raise FrameError(
+                f"{host} is a NumPy array but {device} is a device array: pass every plane on the same side"
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W)."""
+        return tuple(self.color.shape[:2])
+
+    @property
+    def on_device(self) -> bool:
+        """True when the planes are `pyopencl.array.Array`."""
+        return isinstance(self.color, cl_array.Array)
+
+    def planes(self) -> dict[str, Any]:
+        """The planes that are present, by name, `color` first."""
+        present = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "metadata"}
+        return {name: plane for name, plane in present.items() if plane is not None}
+
+
+def _check_type(name: str, plane: Any) -> None:
+    if not isinstance(plane, np.ndarray | cl_array.Array):
+        raise FrameError(
+            f"{name} is a {type(plane).__name__}: pass a NumPy array or a pyopencl.array.Array "
+            "(numpy.asarray converts most others)"
+        )
+    dtype = np.dtype(plane.dtype)
+    if dtype not in DTYPES:
+        why = (
+            "integer pixels carry no scale, so convert them yourself, for instance color.astype('float32') / 255"
+            if dtype.kind in "iu"
+            else f"convert it with .astype('float32'){' after taking the real part' if dtype.kind == 'c' else ''}"
+        )
+        raise FrameError(f"{name} has dtype {dtype} but float16, float32 or float64 is needed: {why}")
+
+
+def _check_shape(name: str, plane: Any, size: tuple[int, int]) -> None:
+    shape = tuple(plane.shape)
+    if name in SCALAR_PLANES:
+        if len(shape) != 2:
+            raise FrameError(
+                f"{name} is {shape} but (H, W) is needed: pass one channel, for instance {name}[..., 0]"
+            )
+    elif len(shape) != 3 or shape[2] != 3:
+        hint = f"pass {name}[..., :3]" if len(shape) == 3 and shape[2] > 3 else "stack three channels last"
+        raise FrameError(f"{name} is {shape} but (H, W, 3) is needed: {hint}")
+    if 0 in shape:
+        raise FrameError(f"{name} is {shape}, which has no pixels: a frame needs at least one")
+    if shape[:2] != size:
+        raise FrameError(
+            f"{name} is {shape} but color is {size + (3,)}: all planes of a frame share height and width"
+        )
