@@ -80,9 +80,7 @@ class Frame:
         for name in PLANES:
             feature = name.removesuffix("_variance")
             if feature != name and getattr(self, name) is not None and getattr(self, feature) is None:
-                raise FrameError(
-                    f"{name} is given but {feature} is not: pass {feature} too, or leave {name} out"
-                )
+                raise FrameError(f"{name} is given but {feature} is not: pass {feature} too, or leave {name} out")
         kinds = {name: isinstance(plane, cl_array.Array) for name, plane in self.planes().items()}
         if len(set(kinds.values())) > 1:
             host = next(name for name, on_device in kinds.items() if not on_device)
@@ -127,15 +125,11 @@ def _check_shape(name: str, plane: Any, size: tuple[int, int]) -> None:
     shape = tuple(plane.shape)
     if name in SCALAR_PLANES:
         if len(shape) != 2:
-            raise FrameError(
-                f"{name} is {shape} but (H, W) is needed: pass one channel, for instance {name}[..., 0]"
-            )
+            raise FrameError(f"{name} is {shape} but (H, W) is needed: pass one channel, for instance {name}[..., 0]")
     elif len(shape) != 3 or shape[2] != 3:
         hint = f"pass {name}[..., :3]" if len(shape) == 3 and shape[2] > 3 else "stack three channels last"
         raise FrameError(f"{name} is {shape} but (H, W, 3) is needed: {hint}")
     if 0 in shape:
         raise FrameError(f"{name} is {shape}, which has no pixels: a frame needs at least one")
     if shape[:2] != size:
-        raise FrameError(
-            f"{name} is {shape} but color is {size + (3,)}: all planes of a frame share height and width"
-        )
+        raise FrameError(f"{name} is {shape} but color is {(*size, 3)}: all planes of a frame share height and width")
