@@ -1,0 +1,22 @@
+"""Denoise Monte Carlo renderings on any OpenCL device."""
+
+from .api import Denoiser, Report, denoise
+from .errors import DeviceError, ExrError, FrameError, McdenoiseError, ParameterError, RenderError
+from .frame import Frame
+from .methods import methods
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Denoiser",
+    "DeviceError",
+    "ExrError",
+    "Frame",
+    "FrameError",
+    "McdenoiseError",
+    "ParameterError",
+    "RenderError",
+    "Report",
+    "denoise",
+    "methods",
+]

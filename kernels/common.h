@@ -1,0 +1,51 @@
+/* Shared by every kernel: vectors of the device's width, mirrored borders, plane access.
+ *
+ * A set of planes is passed as four arguments, made by PLANES(p): the buffer, the offset of pixel (0, 0) of
+ * the first plane, the floats from row to row and the floats from plane to plane. AT(p, c, y, x) reads or
+ * writes one value.
+ */
+#ifndef MCDENOISE_COMMON_H
+#define MCDENOISE_COMMON_H
+
+#define PLANES(p) global float *restrict p, int p##_origin, int p##_row, int p##_plane
+#define CONST_PLANES(p) global const float *restrict p, int p##_origin, int p##_row, int p##_plane
+#define INDEX(p, c, y, x) (p##_origin + (c) * p##_plane + (y) * p##_row + (x))
+#define AT(p, c, y, x) p[INDEX(p, c, y, x)]
+
+/* WIDTH floats at a time: 1 where the compiler makes vectors of work-items, more where it does not. */
+#ifndef WIDTH
+#define WIDTH 1
+#endif
+#define JOIN_(a, b) a##b
+#define JOIN(a, b) JOIN_(a, b)
+#if WIDTH == 1
+typedef float vec;
+#define LOAD(p) (*(p))
+#define STORE(v, p) (*(p) = (v))
+#else
+typedef JOIN(float, WIDTH) vec;
+#define LOAD(p) JOIN(vload, WIDTH)(0, p)
+#define STORE(v, p) JOIN(vstore, WIDTH)(v, 0, p)
+#endif
+
+/* Mirror without repeating the edge pixel (OpenCV's REFLECT_101), for any distance from the image. */
+inline int reflect(int i, int n)
+{
+    if (i >= 0 && i < n)
+        return i;
+    if (n == 1)
+        return 0;
+    const int period = 2 * (n - 1);
+    i %= period;
+    if (i < 0)
+        i += period;
+    return i < n ? i : period - i;
+}
+
+/* Rec. 709 */
+inline float luminance(float r, float g, float b)
+{
+    return 0.2126f * r + 0.7152f * g + 0.0722f * b;
+}
+
+#endif

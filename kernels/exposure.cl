@@ -1,0 +1,61 @@
+/* Exposure and the tonemapped domain in which colours are compared.
+ *
+ * Automatic exposure = key / (geometric mean of the luminance over pixels that are not black), so that scaling
+ * a frame scales its exposure by the inverse. One work-item sums a row; one work-group adds the rows in a fixed
+ * order, so that the same frame gives the same bits.
+ */
+#include "common.h"
+
+kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, global float *restrict row_sum,
+                               global int *restrict row_count)
+{
+    const int y = get_global_id(0);
+    if (y >= height)
+        return;
+    float sum = 0.f, lost = 0.f;
+    int count = 0;
+    for (int x = 0; x < width; x++) {
+        const float l = luminance(AT(color, 0, y, x), AT(color, 1, y, x), AT(color, 2, y, x));
+        if (l > 0.f) {
+            const float term = log(l) - lost;
+            const float next = sum + term;
+            lost = (next - sum) - term;
+            sum = next;
+            count++;
+        }
+    }
+    row_sum[y] = sum;
+    row_count[y] = count;
+}
+
+kernel void exposure_from_rows(global const float *restrict row_sum, global const int *restrict row_count,
+                               int height, float key, global float *restrict exposure)
+{
+    float sum = 0.f, lost = 0.f;
+    int count = 0;
+    for (int y = 0; y < height; y++) {
+        const float term = row_sum[y] - lost;
+        const float next = sum + term;
+        lost = (next - sum) - term;
+        sum = next;
+        count += row_count[y];
+    }
+    exposure[0] = count > 0 ? key / exp(sum / count) : 1.f;
+}
+
+kernel void tonemap(CONST_PLANES(color), int height, int width, global const float *restrict exposure, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    AT(out, c, y, x) = pow(clamp(exposure[0] * AT(color, c, y, x), 0.f, 1.f), 1.f / 2.2f);
+}
+
+kernel void tonemap_inverse(CONST_PLANES(in), int height, int width, global const float *restrict exposure,
+                            PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    AT(out, c, y, x) = pow(clamp(AT(in, c, y, x), 0.f, 1.f), 2.2f) / exposure[0];
+}

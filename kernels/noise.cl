@@ -1,0 +1,46 @@
+/* The noise level of an image, from itself: Immerkaer, Fast Noise Variance Estimation, 1996.
+ *
+ * sigma of a channel = sqrt(pi/2) / 6 * mean |image * M|, where M, the difference of two Laplacians, is blind
+ * to constants and slopes; channels are joined as the root of the mean square.
+ */
+#include "common.h"
+
+kernel void laplacian_rows(CONST_PLANES(in), int channels, int height, int width, global float *restrict row_sum)
+{
+    const int y = get_global_id(0), c = get_global_id(1);
+    if (y >= height)
+        return;
+    const int up = reflect(y - 1, height), down = reflect(y + 1, height);
+    float sum = 0.f, lost = 0.f;
+    for (int x = 0; x < width; x++) {
+        const int left = reflect(x - 1, width), right = reflect(x + 1, width);
+        const float centre = AT(in, c, y, x);
+        const float corners = (AT(in, c, up, left) - centre) + (AT(in, c, up, right) - centre) +
+                              (AT(in, c, down, left) - centre) + (AT(in, c, down, right) - centre);
+        const float sides = (AT(in, c, up, x) - centre) + (AT(in, c, down, x) - centre) +
+                            (AT(in, c, y, left) - centre) + (AT(in, c, y, right) - centre);
+        const float term = fabs(corners - 2.f * sides) - lost;
+        const float next = sum + term;
+        lost = (next - sum) - term;
+        sum = next;
+    }
+    row_sum[c * height + y] = sum;
+}
+
+kernel void noise_from_rows(global const float *restrict row_sum, int channels, int height, int width,
+                            global float *restrict level)
+{
+    float squares = 0.f;
+    for (int c = 0; c < channels; c++) {
+        float sum = 0.f, lost = 0.f;
+        for (int y = 0; y < height; y++) {
+            const float term = row_sum[c * height + y] - lost;
+            const float next = sum + term;
+            lost = (next - sum) - term;
+            sum = next;
+        }
+        const float sigma = 0.20888568955f * sum / ((float)height * width); /* sqrt(pi / 2) / 6 */
+        squares += sigma * sigma;
+    }
+    level[0] = sqrt(squares / channels);
+}

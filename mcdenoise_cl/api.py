@@ -1,0 +1,327 @@
+"""`denoise` for one frame, `Denoiser` for many of one size."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cl_array
+
+from .device import context_for, pick_device
+from .engine import Engine
+from .errors import DeviceError, FrameError, ParameterError
+from .frame import PLANES, Frame
+from .methods import Method, default_method, get_method
+from .methods.parameters import make
+from .methods.result import Result
+from .stages.door import Strided, door, strided, upload
+from .stages.exit import leave
+
+
+@dataclass(frozen=True)
+class Report:
+    """What happened to one frame.
+
+    Attributes:
+        method: its name.
+        parameters: every parameter with the value used.
+        device: name and runtime.
+        exposure: factor before tonemapping.
+        noise_level: standard deviation of the noise found in the tonemapped colours.
+        replaced: pixels replaced because they were not finite, by plane; planes without any are left out.
+        stage_ms: device milliseconds of each stage; empty if the queue has no profiling.
+    """
+
+    method: str
+    parameters: dict[str, Any]
+    device: str
+    exposure: float
+    noise_level: float
+    replaced: dict[str, int]
+    stage_ms: dict[str, float]
+
+
+class Denoiser:
+    """A method made ready for frames of one size: it keeps its queue, programs and device memory.
+
+    Threads may share one `Denoiser`: calls take turns. For parallel work give each thread its own.
+
+    Args:
+        height, width: size of the frames, in pixels.
+        method: a name of `methods()`.
+        device: index, part of a name, or `pyopencl.Device`; None: see `mcdenoise_cl.device.pick_device`.
+        queue: an in-order `pyopencl.CommandQueue` to work on instead, in the caller's context.
+        **parameters: the method's, by name.
+
+    Raises:
+        ParameterError: an unknown method or parameter, or a value out of range.
+        DeviceError: no such device, or a kernel that does not build on it.
+
+    Example:
+        >>> import numpy as np
+        >>> denoiser = Denoiser(4, 6, method="nlm")
+        >>> denoiser(np.ones((4, 6, 3), np.float32)).shape
+        (4, 6, 3)
+        >>> denoiser.report.method
+        'nlm'
+    """
+
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        *,
+        method: str,
+        device: str | int | cl.Device | None = None,
+        queue: cl.CommandQueue | None = None,
+        **parameters: Any,
+    ) -> None:
+        for name, value in (("height", height), ("width", width)):
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+                raise ParameterError(f"{name} is {value!r} but a whole number of at least 1 is needed")
+        self.height, self.width = int(height), int(width)
+        self.method: Method = get_method(method)
+        self.parameters = make(self.method.make, method, parameters)
+        if queue is not None and device is not None:
+            raise ParameterError("device and queue are both given: pass one, since a queue belongs to a device")
+        if queue is None:
+            chosen = pick_device(device).device
+            queue = cl.CommandQueue(
+                context_for(chosen), chosen, properties=cl.command_queue_properties.PROFILING_ENABLE
+            )
+        self._engine = Engine(queue)
+        self._lock = threading.Lock()
+        self._last: tuple[Result, tuple[str, ...], cl.MemoryObjectHolder] | None = None
+
+    @property
+    def queue(self) -> cl.CommandQueue:
+        """The queue on which everything runs."""
+        return self._engine.queue
+
+    @property
+    def report(self) -> Report:
+        """What happened to the last frame. Waits for it.
+
+        Raises:
+            ParameterError: no frame has been denoised yet.
+        """
+        with self._lock:
+            if self._last is None:
+                raise ParameterError("there is no report yet: denoise a frame first")
+            return self._make_report(*self._last)
+
+    def __call__(self, frame_or_color: Frame | np.ndarray | cl_array.Array, *, out: Any = None, **planes: Any) -> Any:
+        """Denoise one frame.
+
+        Args:
+            frame_or_color: a `Frame`, or its colour, with the other planes as keywords.
+            out: an array of the frame's shape and side (host or device) to write to, any supported dtype.
+            **planes: `albedo=`, `normal=`, ... where `frame_or_color` is an array.
+
+        Returns:
+            (H, W, 3), scene-linear, of the dtype of the colour: a NumPy array for host planes; for device planes a
+            `pyopencl.array.Array` in the same context, on this denoiser's queue, not waited for. `out` if given.
+
+        Raises:
+            FrameError: the frame has another size, lacks a plane that the method needs, lies in another context,
+                has no finite pixel (host frames; on the device such a frame comes out black), or `out` does not fit.
+            DeviceError: the device has no room.
+        """
+        frame = as_frame(frame_or_color, planes)
+        self._check(frame, out)
+        with self._lock:
+            return self._run_device(frame, out) if frame.on_device else self._run_host(frame, out)
+
+    def _check(self, frame: Frame, out: Any) -> None:
+        if frame.shape != (self.height, self.width):
+            raise FrameError(
+                f"the frame is {frame.shape} but this Denoiser was made for {(self.height, self.width)}: "
+                "make another for this size"
+            )
+        present = frame.planes()
+        for name in self.method.needs:
+            if name not in present:
+                raise FrameError(f"method {self.method.name!r} needs {name}, which is missing: pass it, or use 'nlm'")
+        if out is None:
+            return
+        # Frame knows what an image array must be; `out` is one more of them.
+        candidate = Frame(out)
+        if candidate.shape != frame.shape or candidate.on_device != frame.on_device:
+            raise FrameError(
+                f"out is {'device' if candidate.on_device else 'host'} memory of shape {tuple(out.shape)} but "
+                f"{'device' if frame.on_device else 'host'} memory of shape {tuple(frame.color.shape)} is needed"
+            )
+        if not frame.on_device and not out.flags.writeable:
+            raise FrameError("out is read-only: pass an array that can be written")
+
+    def _used(self, frame: Frame) -> dict[str, Any]:
+        return {name: plane for name, plane in frame.planes().items() if name == "color" or name in self.method.needs}
+
+    def _run_host(self, frame: Frame, out: np.ndarray | None) -> np.ndarray:
+        engine = self._engine
+        engine.start()
+        arrays, alive = {}, []
+        for name, plane in self._used(frame).items():
+            arrays[name], host = upload(engine, plane)
+            alive.append(host)  # until the blocking download below
+        color = self._filter(arrays)
+        wanted = np.dtype(frame.color.dtype) if out is None else out.dtype
+        dtype = np.dtype("f4") if wanted == np.float64 else wanted
+        direct = out is not None and out.dtype == dtype and out.flags.c_contiguous
+        result = out if direct else np.empty((self.height, self.width, 3), dtype)
+        target = Strided(engine.memory(result.nbytes), dtype, 0, (3 * self.width, 3, 1))
+        leave(engine, color, target)
+        cl.enqueue_copy(engine.queue, result, target.buffer, is_blocking=True)
+        bad = self._replaced(*self._last[1:])
+        if bad.get("color") == self.height * self.width:
+            raise FrameError("color has no finite pixel: there is nothing to denoise, so look at the renderer")
+        if out is None:
+            return result.astype(wanted, copy=False)
+        if not direct:
+            out[...] = result
+        return out
+
+    def _run_device(self, frame: Frame, out: cl_array.Array | None) -> cl_array.Array:
+        engine = self._engine
+        used = self._used(frame)
+        if out is not None:
+            used["out"] = out
+        for name, array in used.items():
+            if array.context != engine.context:
+                raise FrameError(
+                    f"{name} lies in another OpenCL context than this Denoiser's queue: "
+                    "make the Denoiser with queue=color.queue, or copy the array"
+                )
+        waits = [event for array in used.values() for event in array.events]
+        if waits:
+            cl.enqueue_barrier(engine.queue, wait_for=waits)
+        engine.start()
+        used.pop("out", None)
+        color = self._filter({name: strided(array) for name, array in used.items()})
+        if out is None:
+            out = cl_array.empty(engine.queue, (self.height, self.width, 3), frame.color.dtype)
+        leave(engine, color, strided(out))
+        out.add_event(cl.enqueue_marker(engine.queue))
+        return out
+
+    def _filter(self, arrays: dict[str, Strided]) -> Any:
+        engine = self._engine
+        names = tuple(arrays)
+        bad = engine.zeros(len(PLANES))
+        planes = {}
+        for i, (name, array) in enumerate(arrays.items()):
+            channels = 1 if array.strides[2] == 0 else 3
+            planes[name] = door(engine, array, channels, self.height, self.width, bad, i)
+        result = self.method.run(engine, planes, self.parameters)
+        self._last = (result, names, bad)
+        return result.color
+
+    def _replaced(self, names: tuple[str, ...], bad: cl.MemoryObjectHolder) -> dict[str, int]:
+        counts = np.empty(len(PLANES), np.int32)
+        cl.enqueue_copy(self.queue, counts, bad, is_blocking=True)
+        return {name: int(count) for name, count in zip(names, counts, strict=False) if count}
+
+    def _make_report(self, result: Result, names: tuple[str, ...], bad: cl.MemoryObjectHolder) -> Report:
+        scalars = np.empty(2, np.float32)
+        cl.enqueue_copy(self.queue, scalars[:1], result.exposure)
+        cl.enqueue_copy(self.queue, scalars[1:], result.noise_level)
+        device = self._engine.device
+        return Report(
+            method=self.method.name,
+            parameters=asdict(self.parameters),
+            device=f"{device.name.strip()} ({device.platform.name.strip()}, {device.version.strip()})",
+            exposure=float(scalars[0]),
+            noise_level=float(scalars[1]),
+            replaced=self._replaced(names, bad),
+            stage_ms=self._engine.stage_times(),
+        )
+
+
+def as_frame(frame_or_color: Any, planes: dict[str, Any]) -> Frame:
+    """A Frame from a Frame, or from a colour array and keyword planes."""
+    unknown = [name for name in planes if name not in PLANES or name == "color"]
+    if unknown:
+        raise FrameError(f"{unknown[0]} is not a plane of a frame: the planes are {', '.join(PLANES)}")
+    if not isinstance(frame_or_color, Frame):
+        return Frame(frame_or_color, **planes)
+    if any(plane is not None for plane in planes.values()):
+        raise FrameError("a Frame is given and planes beside it: put every plane into the Frame")
+    return frame_or_color
+
+
+def denoise(
+    frame_or_color: Frame | np.ndarray | cl_array.Array,
+    *,
+    albedo: Any = None,
+    normal: Any = None,
+    depth: Any = None,
+    color_variance: Any = None,
+    albedo_variance: Any = None,
+    normal_variance: Any = None,
+    depth_variance: Any = None,
+    color_a: Any = None,
+    color_b: Any = None,
+    method: str | None = None,
+    device: str | int | cl.Device | None = None,
+    out: Any = None,
+    **parameters: Any,
+) -> Any:
+    """Denoise one Monte Carlo rendering.
+
+    Args:
+        frame_or_color: a `Frame`, or an array (H, W, 3) of scene-linear colour, float16, float32 or float64: NumPy,
+            or `pyopencl.array.Array`, which is filtered in its own context and on its own queue without a copy to
+            the host.
+        albedo, normal, depth, color_variance, albedo_variance, normal_variance, depth_variance, color_a, color_b:
+            further planes of the frame where `frame_or_color` is an array; see `Frame`.
+        method: a name of `methods()`; None: `ssim-nlm` where albedo and normal are there, else `nlm`.
+        device: index, part of a name, or `pyopencl.Device`, for NumPy input; None: the default device.
+        out: an array of the same shape and side to write the result to.
+        **parameters: the method's, by name: see `methods()`.
+
+    Returns:
+        The clean image, (H, W, 3), scene-linear, of the colour's dtype, on the side the frame came from.
+
+    Raises:
+        FrameError: the planes do not fit together, or the method needs one that is missing.
+        ParameterError: an unknown method or parameter, or a value out of range.
+        DeviceError: no OpenCL device, or it cannot run the method.
+
+    Example:
+        >>> import numpy as np
+        >>> rng = np.random.default_rng(0)
+        >>> noisy = (0.5 + 0.1 * rng.standard_normal((32, 32, 3))).astype(np.float32)
+        >>> clean = denoise(noisy, method="nlm")
+        >>> clean.shape, clean.dtype, bool(clean.std() < noisy.std())
+        ((32, 32, 3), dtype('float32'), True)
+    """
+    planes = {
+        "albedo": albedo,
+        "normal": normal,
+        "depth": depth,
+        "color_variance": color_variance,
+        "albedo_variance": albedo_variance,
+        "normal_variance": normal_variance,
+        "depth_variance": depth_variance,
+        "color_a": color_a,
+        "color_b": color_b,
+    }
+    frame = as_frame(frame_or_color, planes)
+    queue = None
+    if frame.on_device:
+        if device is not None:
+            raise ParameterError("device is given but the frame is on a device already: leave device out")
+        queue = frame.color.queue
+        if queue is None:
+            raise DeviceError("color has no queue to run on: pass color.with_queue(queue)")
+    denoiser = Denoiser(
+        *frame.shape,
+        method=method or default_method(frame.planes()),
+        device=device,
+        queue=queue,
+        **parameters,
+    )
+    return denoiser(frame, out=out)

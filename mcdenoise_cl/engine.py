@@ -1,0 +1,148 @@
+"""`Engine`: one in-order queue with its programs and its memory. Stages launch their kernels through it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.tools
+
+from . import program
+from .device import shape_for
+from .errors import DeviceError
+
+# The widest tile of any device: planes are allocated up to whole tiles, so that a kernel may store whole vectors.
+_COLUMNS, _ROWS, _SLACK = 64, 16, 16
+
+
+def _round_up(n: int, to: int) -> int:
+    return -(-n // to) * to
+
+
+@dataclass(frozen=True)
+class Planes:
+    """float32 planes (C, H, W) on the device, rows contiguous, with a border of `border` pixels on every side."""
+
+    buffer: cl.MemoryObjectHolder
+    channels: int
+    height: int
+    width: int
+    border: int
+    row: int
+    plane: int
+
+    @property
+    def arguments(self) -> tuple:
+        """The four arguments that PLANES(p) in common.h stands for."""
+        origin = self.border * self.row + self.border
+        return self.buffer, np.int32(origin), np.int32(self.row), np.int32(self.plane)
+
+
+class Engine:
+    """A queue, the kernels built for it and a pool of its memory. Not to be used by two threads at once.
+
+    Memory comes from a pool: a buffer that Python lets go of is handed to the next stage that asks for its size,
+    which is safe because the queue is in order.
+    """
+
+    def __init__(self, queue: cl.CommandQueue) -> None:
+        if queue.properties & cl.command_queue_properties.OUT_OF_ORDER_EXEC_MODE_ENABLE:
+            raise DeviceError("the queue is out of order but stages rely on order: pass an in-order CommandQueue")
+        self.queue = queue
+        self.context = queue.context
+        self.device = queue.device
+        self.shape = shape_for(queue.device)
+        self.profiling = bool(queue.properties & cl.command_queue_properties.PROFILING_ENABLE)
+        self._pool = cl.tools.MemoryPool(cl.tools.ImmediateAllocator(queue))
+        self._kernels: dict[tuple, cl.Kernel] = {}
+        self._constants: dict[bytes, cl.Buffer] = {}
+        self._events: list[tuple[str, cl.Event]] = []
+
+    def kernel(self, file: str, name: str, **defines: int | None) -> cl.Kernel:
+        """A kernel of a file, built with these macros and the device's vector width."""
+        key = (file, name, tuple(sorted(defines.items())))
+        if key not in self._kernels:
+            built = program.build(self.context, file, {"WIDTH": self.shape.width, **defines})
+            self._kernels[key] = cl.Kernel(built, name)
+        return self._kernels[key]
+
+    def tile_defines(self, patch_radius: int) -> dict[str, int]:
+        """The macros that patch.h needs."""
+        return {"COLUMNS": self.shape.columns, "ROWS": self.shape.rows, "PATCH_RADIUS": patch_radius}
+
+    def tiles(self, height: int, width: int) -> tuple[int, int]:
+        """The global size that covers an image with tiles."""
+        return -(-width // self.shape.columns), -(-height // self.shape.rows)
+
+    def memory(self, size: int) -> cl.MemoryObjectHolder:
+        """Bytes from the pool, uninitialised.
+
+        Raises:
+            DeviceError: the device has no room for them.
+        """
+        try:
+            return self._pool.allocate(size)
+        except cl.MemoryError as error:
+            raise DeviceError(
+                f"{self.device.name.strip()} has no room for another {size / 2**20:.0f} MiB "
+                f"(its memory is {self.device.global_mem_size / 2**20:.0f} MiB): denoise a smaller frame, "
+                "or choose another device"
+            ) from error
+
+    def planes(self, channels: int, height: int, width: int, border: int = 0) -> Planes:
+        """Uninitialised planes. Rows and columns are readable and writable up to the next whole tile."""
+        row = _round_up(width, _COLUMNS) + 2 * border + (_SLACK if border else 0)
+        plane = row * (_round_up(height, _ROWS) + 2 * border)
+        return Planes(self.memory(4 * channels * plane), channels, height, width, border, row, plane)
+
+    def constant(self, values: Sequence[float] | np.ndarray) -> cl.Buffer:
+        """A small float32 table on the device, uploaded once."""
+        table = np.ascontiguousarray(values, np.float32)
+        key = table.tobytes()
+        if key not in self._constants:
+            flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
+            self._constants[key] = cl.Buffer(self.context, flags, hostbuf=table)
+        return self._constants[key]
+
+    def zeros(self, count: int) -> cl.MemoryObjectHolder:
+        """`count` 32-bit zeros (integers or floats)."""
+        buffer = self.memory(4 * count)
+        cl.enqueue_fill_buffer(self.queue, buffer, np.int32(0), 0, 4 * count)
+        return buffer
+
+    def launch(self, stage: str, kernel: cl.Kernel, size: tuple[int, ...], *arguments, single: bool = False) -> None:
+        """Enqueue a kernel; Planes become their four arguments, Python numbers 32-bit ones.
+
+        Args:
+            stage: the name under which its time is reported.
+            size: global size.
+            single: one work-item a work-group, as tiles want it on a CPU.
+        """
+        flat: list = []
+        for argument in arguments:
+            if isinstance(argument, Planes):
+                flat += argument.arguments
+            elif isinstance(argument, int):
+                flat.append(np.int32(argument))
+            elif isinstance(argument, float):
+                flat.append(np.float32(argument))
+            else:
+                flat.append(argument)
+        local = (1,) * len(size) if single and self.shape.columns > 1 else None
+        event = kernel(self.queue, size, local, *flat)
+        if self.profiling:
+            self._events.append((stage, event))
+
+    def start(self) -> None:
+        """Forget the times of the frame before."""
+        self._events.clear()
+
+    def stage_times(self) -> dict[str, float]:
+        """Device milliseconds of each stage since `start`, in order; waits for them. Empty without profiling."""
+        times: dict[str, float] = {}
+        for stage, event in self._events:
+            event.wait()
+            times[stage] = times.get(stage, 0.0) + (event.profile.end - event.profile.start) * 1e-6
+        return times

@@ -1,0 +1,69 @@
+"""`nlm`: non-local means on the colours alone (Buades et al. 2005; Yang 2022, eqs. 4-6), the paper's baseline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..engine import Engine, Planes
+from ..stages.exposure import auto_exposure, tonemap, tonemap_inverse
+from ..stages.nlm import SsimTerm
+from ..stages.nlm import nlm as nlm_stage
+from ..stages.noise import noise_level
+from ..stages.pad import pad
+from .parameters import parameter
+from .result import Result
+
+NAME = "nlm"
+SUMMARY = "non-local means on the colours alone: the paper's baseline"
+NEEDS: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Window sizes of Yang 2022, table 1; the rest by measurement (bench/sweep.py)."""
+
+    search_radius: int = parameter(3, "search window is (2 r + 1)² pixels", low=0, high=64)
+    patch_radius: int = parameter(2, "patches are (2 r + 1)² pixels", low=0, high=16)
+    patch_sigma: float | None = parameter(
+        None, "Gaussian over the patch, standard deviation in pixels; none: half of patch_radius", kind=float, low=0.0
+    )
+    h_factor: float = parameter(1.0, "strength: h is this many times the frame's own noise level", low=0.0)
+    h: float | None = parameter(
+        None, "strength as a fixed number, in tonemapped units; none: h_factor", kind=float, low=0.0
+    )
+    exposure: float | None = parameter(
+        None, "factor before tonemapping; none: 0.18 / log-average luminance", kind=float, low=1e-30
+    )
+    average: str = parameter(
+        "linear", "colours are averaged as light, or as tonemapped values", choices=("linear", "tonemapped")
+    )
+
+
+def run(engine: Engine, planes: dict[str, Planes], parameters: Parameters) -> Result:
+    """Door to exit without the door and the exit: planes in, planes out."""
+    return filter_colors(engine, planes["color"], parameters, None)
+
+
+def filter_colors(engine: Engine, color: Planes, parameters: Parameters, ssim: SsimTerm | None) -> Result:
+    """Tonemap, estimate the noise, and average with the weights of eq. 5, or of eq. 8 where `ssim` is given."""
+    p = parameters
+    exposure = engine.constant([p.exposure]) if p.exposure is not None else auto_exposure(engine, color)
+    tone = tonemap(engine, color, exposure)
+    level = noise_level(engine, tone)
+    border = p.search_radius + p.patch_radius
+    tone = pad(engine, tone, border)
+    averaged = tone if p.average == "tonemapped" else pad(engine, color, p.search_radius)
+    out = nlm_stage(
+        engine,
+        tone,
+        averaged,
+        search_radius=p.search_radius,
+        patch_radius=p.patch_radius,
+        patch_sigma=p.patch_radius / 2 if p.patch_sigma is None else p.patch_sigma,
+        noise_level=level if p.h is None else engine.constant([1.0]),
+        h_factor=p.h_factor if p.h is None else p.h,
+        ssim=ssim,
+    )
+    if p.average == "tonemapped":
+        out = tonemap_inverse(engine, out, exposure)
+    return Result(out, exposure, level)

@@ -1,0 +1,50 @@
+"""`ssim-nlm`: the paper's method (Yang 2022, eqs. 1-8), as printed or stabilised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..engine import Engine, Planes
+from ..stages.canny import albedo_luminance, canny
+from ..stages.guided import guided_filter
+from ..stages.nlm import SsimTerm
+from ..stages.pad import pad
+from ..stages.ssim import patch_statistics
+from . import nlm
+from .parameters import parameter
+from .result import Result
+
+NAME = "ssim-nlm"
+SUMMARY = "the paper's method: NLM whose weights are bent by the structural similarity of the normals"
+NEEDS = ("albedo", "normal")
+
+
+@dataclass(frozen=True)
+class Parameters(nlm.Parameters):
+    """The paper's windows; the choices it leaves open by measurement (bench/sweep.py)."""
+
+    stabilised: bool = parameter(True, "false: eq. 8 exactly as printed, which ignores colour where normals are equal")
+    stabiliser: float = parameter(0.1, "what the stabilised form adds to ln(1/SSIM)", low=0.0)
+    canny_sigma: float = parameter(1.4, "Gaussian before Canny, standard deviation in pixels", low=0.0, high=32)
+    canny_low: float | None = parameter(
+        None, "lower threshold on the Sobel gradient of the albedo; none: 0.67 median", kind=float, low=0.0
+    )
+    canny_high: float | None = parameter(
+        None, "upper threshold on the Sobel gradient of the albedo; none: 1.33 median", kind=float, low=0.0
+    )
+    guided_radius: int = parameter(2, "windows of the guided filter are (2 r + 1)² pixels", low=0, high=1024)
+    guided_epsilon: float = parameter(1e-2, "regularisation of the guided filter", low=1e-12)
+    ssim_c1: float = parameter(1e-4, "constant of SSIM's luminance term, range 1", low=1e-12)
+    ssim_c2: float = parameter(9e-4, "constant of SSIM's contrast term, range 1; C3 is half of it", low=1e-12)
+
+
+def run(engine: Engine, planes: dict[str, Planes], parameters: Parameters) -> Result:
+    """Door to exit without the door and the exit: planes in, planes out."""
+    p = parameters
+    gray = albedo_luminance(engine, planes["albedo"])
+    guide = canny(engine, gray, p.canny_low, p.canny_high, p.canny_sigma)
+    normal = guided_filter(engine, guide, planes["normal"], p.guided_radius, p.guided_epsilon)
+    unit = pad(engine, normal, p.search_radius + p.patch_radius, 0.5, 0.5)  # [-1, 1] to [0, 1]
+    stats = pad(engine, patch_statistics(engine, unit, p.patch_radius), p.search_radius)
+    term = SsimTerm(unit, stats, p.ssim_c1, p.ssim_c2, p.stabiliser if p.stabilised else 0.0)
+    return nlm.filter_colors(engine, planes["color"], p, term)

@@ -1,0 +1,82 @@
+"""The door: users' arrays become planes, without a NaN or an infinity among them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cl_array
+
+from ..engine import Engine, Planes
+from ..errors import DeviceError
+
+MACROS = {np.dtype("f2"): "HALF", np.dtype("f4"): None, np.dtype("f8"): "DOUBLE"}
+
+
+@dataclass(frozen=True)
+class Strided:
+    """An interleaved array on the device: buffer, and offset and strides counted in elements."""
+
+    buffer: cl.MemoryObjectHolder
+    dtype: np.dtype
+    offset: int
+    strides: tuple[int, int, int]
+
+    @property
+    def layout(self) -> tuple[int, int, int, int]:
+        return (self.offset, *self.strides)
+
+
+def type_define(engine: Engine, dtype: np.dtype, prefix: str) -> dict[str, None]:
+    """The macro that tells a kernel the user's element type."""
+    kind = MACROS[np.dtype(dtype)]
+    if kind == "DOUBLE" and "cl_khr_fp64" not in engine.device.extensions:
+        raise DeviceError(
+            f"{engine.device.name.strip()} has no double precision: pass the device array as float32, .astype('f4')"
+        )
+    return {f"{prefix}_{kind}": None} if kind else {}
+
+
+def strided(array: cl_array.Array) -> Strided:
+    """A device array as buffer, offset and strides."""
+    size = array.dtype.itemsize
+    strides = [stride // size for stride in array.strides]
+    return Strided(array.base_data, array.dtype, array.offset // size, tuple([*strides, 0][:3]))
+
+
+def upload(engine: Engine, array: np.ndarray) -> tuple[Strided, np.ndarray]:
+    """Copy a host array to the device without waiting; the second value must live until the queue has finished.
+
+    float64 is rounded to float32 here: the planes are float32, and many GPUs have no double precision.
+    """
+    with np.errstate(over="ignore"):  # beyond float32 becomes infinite, which the door counts and replaces
+        host = np.ascontiguousarray(array, np.float32 if array.dtype == np.float64 else array.dtype)
+    buffer = engine.memory(host.nbytes)
+    cl.enqueue_copy(engine.queue, buffer, host, is_blocking=False)
+    channels = host.shape[2] if host.ndim == 3 else 1
+    return Strided(buffer, host.dtype, 0, (host.shape[1] * channels, channels, 1)), host
+
+
+def door(
+    engine: Engine,
+    array: Strided,
+    channels: int,
+    height: int,
+    width: int,
+    bad: cl.MemoryObjectHolder,
+    slot: int = 0,
+) -> Planes:
+    """Interleaved to planar float32; a pixel that is not finite becomes the mean of its nearest finite pixels.
+
+    Args:
+        array: (H, W, channels) or (H, W), float16, float32 or float64.
+        bad: int32 counters on the device; the number of replaced pixels is added to number `slot`.
+
+    Returns:
+        Planes (channels, H, W).
+    """
+    out = engine.planes(channels, height, width)
+    kernel = engine.kernel("door.cl", "door", **type_define(engine, array.dtype, "SOURCE"))
+    engine.launch("door", kernel, (width, height), array.buffer, *array.layout, channels, height, width, out, bad, slot)
+    return out

@@ -1,0 +1,29 @@
+"""Guided filter (He et al. 2010; Yang 2022, eqs. 1-3)."""
+
+from __future__ import annotations
+
+from ..engine import Engine, Planes
+from .box import box_mean
+
+
+def guided_filter(engine: Engine, guide: Planes, image: Planes, radius: int, epsilon: float) -> Planes:
+    """Filter every plane of `image` by the one-plane `guide`.
+
+    In each (2 radius + 1)² window the output is a linear function of the guide, a I + b with
+    a = cov(I, F) / (var(I) + epsilon); a pixel gets the mean of the functions of all windows it lies in.
+    """
+    channels, height, width = image.channels, image.height, image.width
+    size = (width, height)
+    products = engine.planes(2 + 2 * channels, height, width)
+    kernel = engine.kernel("guided.cl", "guided_products")
+    engine.launch("guided", kernel, size, guide, image, channels, height, width, products)
+    means = box_mean(engine, products, radius)
+    coefficients = engine.planes(2 * channels, height, width)
+    kernel = engine.kernel("guided.cl", "guided_coefficients")
+    engine.launch("guided", kernel, size, means, channels, height, width, float(epsilon), coefficients)
+    del products, means
+    smooth = box_mean(engine, coefficients, radius)
+    out = engine.planes(channels, height, width)
+    kernel = engine.kernel("guided.cl", "guided_apply")
+    engine.launch("guided", kernel, size, smooth, guide, image, channels, height, width, out)
+    return out

@@ -1,0 +1,69 @@
+"""Non-local means, with colour distances alone or with the SSIM of the normals (Yang 2022, eqs. 4-6 and 8)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pyopencl as cl
+
+from ..engine import Engine, Planes
+from .canny import gaussian_taps
+from .ssim import uniform_taps
+
+
+@dataclass(frozen=True)
+class SsimTerm:
+    """What eq. 8 adds to the weights.
+
+    Attributes:
+        unit: prefiltered normals in [0, 1], border of at least search_radius + patch_radius.
+        stats: their patch statistics, border of at least search_radius.
+        c1, c2: constants of eq. 7.
+        stabiliser: added to ln(1/SSIM), so that no weight ignores the colours; 0 is eq. 8 as printed.
+    """
+
+    unit: Planes
+    stats: Planes
+    c1: float
+    c2: float
+    stabiliser: float
+
+
+def nlm(
+    engine: Engine,
+    tone: Planes,
+    color: Planes,
+    *,
+    search_radius: int,
+    patch_radius: int,
+    patch_sigma: float,
+    noise_level: cl.MemoryObjectHolder,
+    h_factor: float,
+    ssim: SsimTerm | None = None,
+) -> Planes:
+    """Average `color` over the search window with weights from patches of `tone`.
+
+    Args:
+        tone: three planes in which patches are compared, border of at least search_radius + patch_radius.
+        color: three planes to average, border of at least search_radius.
+        patch_sigma: standard deviation of the Gaussian over the patch, in pixels.
+        noise_level: one float on the device; h = h_factor * noise_level.
+        ssim: the term of eq. 8, or None for eq. 5.
+
+    Returns:
+        Three planes without a border.
+    """
+    height, width = tone.height, tone.width
+    defines = engine.tile_defines(patch_radius)
+    gaussian = engine.constant(gaussian_taps(patch_sigma, patch_radius))
+    arguments = [tone, color, height, width, search_radius, gaussian, noise_level, float(h_factor)]
+    if ssim is not None:
+        defines["WITH_SSIM"] = None
+        uniform = engine.constant(uniform_taps(patch_radius))
+        arguments += [ssim.unit, ssim.stats, uniform, float(ssim.c1), float(ssim.c2), float(ssim.stabiliser)]
+    out = engine.planes(3, height, width)
+    kernel = engine.kernel("nlm.cl", "nlm", **defines)
+    engine.launch(
+        "nlm" if ssim is None else "ssim-nlm", kernel, engine.tiles(height, width), *arguments, out, single=True
+    )
+    return out
