@@ -11,12 +11,13 @@
 
 kernel void albedo_luminance(CONST_PLANES(albedo), int height, int width, PLANES(out))
 {
-    const int x = get_global_id(0), y = get_global_id(1);
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const float l = luminance(AT(albedo, 0, y, x), AT(albedo, 1, y, x), AT(albedo, 2, y, x));
-    const float v = clamp(l, 0.f, 1.f);
-    AT(out, 0, y, x) = v <= 0.0031308f ? 12.92f * v : 1.055f * pow(v, 1.f / 2.4f) - 0.055f; /* sRGB */
+    const vec l = luminance(VECTOR_AT(albedo, 0, y, x), VECTOR_AT(albedo, 1, y, x), VECTOR_AT(albedo, 2, y, x));
+    const vec v = clamp(l, (vec)(0.f), (vec)(1.f));
+    const vec encoded = 1.055f * power(v, 1.f / 2.4f) - 0.055f; /* sRGB */
+    STORE(v <= 0.0031308f ? 12.92f * v : encoded, out + INDEX(out, 0, y, x));
 }
 
 /* One direction of a separable filter with 2 radius + 1 taps; (dx, dy) is (1, 0) or (0, 1). */

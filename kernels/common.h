@@ -11,6 +11,7 @@
 #define CONST_PLANES(p) global const float *restrict p, int p##_origin, int p##_row, int p##_plane
 #define INDEX(p, c, y, x) (p##_origin + (c) * p##_plane + (y) * p##_row + (x))
 #define AT(p, c, y, x) p[INDEX(p, c, y, x)]
+#define VECTOR_AT(p, c, y, x) LOAD(p + INDEX(p, c, y, x))
 
 /* WIDTH floats at a time: 1 where the compiler makes vectors of work-items, more where it does not. */
 #ifndef WIDTH
@@ -42,8 +43,14 @@ inline int reflect(int i, int n)
     return i < n ? i : period - i;
 }
 
+/* x^e for x >= 0 to a few units in the last place; some runtimes have no vector form of pow. */
+inline vec power(vec x, float e)
+{
+    return exp2(log2(x) * e);
+}
+
 /* Rec. 709 */
-inline float luminance(float r, float g, float b)
+inline vec luminance(vec r, vec g, vec b)
 {
     return 0.2126f * r + 0.7152f * g + 0.0722f * b;
 }

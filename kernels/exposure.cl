@@ -14,15 +14,19 @@ kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, globa
         return;
     float sum = 0.f, lost = 0.f;
     int count = 0;
-    for (int x = 0; x < width; x++) {
-        const float l = luminance(AT(color, 0, y, x), AT(color, 1, y, x), AT(color, 2, y, x));
-        if (l > 0.f) {
-            const float term = log(l) - lost;
-            const float next = sum + term;
-            lost = (next - sum) - term;
-            sum = next;
-            count++;
-        }
+    for (int x = 0; x < width; x += WIDTH) {
+        float l[WIDTH], logarithm[WIDTH];
+        const vec v = luminance(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x), VECTOR_AT(color, 2, y, x));
+        STORE(v, l);
+        STORE(log(v), logarithm);
+        for (int i = 0; i < WIDTH && x + i < width; i++)
+            if (l[i] > 0.f) {
+                const float term = logarithm[i] - lost;
+                const float next = sum + term;
+                lost = (next - sum) - term;
+                sum = next;
+                count++;
+            }
     }
     row_sum[y] = sum;
     row_count[y] = count;
@@ -45,17 +49,19 @@ kernel void exposure_from_rows(global const float *restrict row_sum, global cons
 
 kernel void tonemap(CONST_PLANES(color), int height, int width, global const float *restrict exposure, PLANES(out))
 {
-    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    AT(out, c, y, x) = pow(clamp(exposure[0] * AT(color, c, y, x), 0.f, 1.f), 1.f / 2.2f);
+    const vec display = clamp(exposure[0] * VECTOR_AT(color, c, y, x), (vec)(0.f), (vec)(1.f));
+    STORE(power(display, 1.f / 2.2f), out + INDEX(out, c, y, x));
 }
 
 kernel void tonemap_inverse(CONST_PLANES(in), int height, int width, global const float *restrict exposure,
                             PLANES(out))
 {
-    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    AT(out, c, y, x) = pow(clamp(AT(in, c, y, x), 0.f, 1.f), 2.2f) / exposure[0];
+    const vec display = clamp(VECTOR_AT(in, c, y, x), (vec)(0.f), (vec)(1.f));
+    STORE(power(display, 2.2f) / exposure[0], out + INDEX(out, c, y, x));
 }

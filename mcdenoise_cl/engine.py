@@ -72,6 +72,10 @@ class Engine:
         """The macros that patch.h needs."""
         return {"COLUMNS": self.shape.columns, "ROWS": self.shape.rows, "PATCH_RADIUS": patch_radius}
 
+    def vectors(self, width: int) -> int:
+        """How many vectors cover a row."""
+        return -(-width // self.shape.width)
+
     def tiles(self, height: int, width: int) -> tuple[int, int]:
         """The global size that covers an image with tiles."""
         return -(-width // self.shape.columns), -(-height // self.shape.rows)

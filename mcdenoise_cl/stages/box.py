@@ -18,7 +18,7 @@ def _pass(engine: Engine, image: Planes, radius: int) -> Planes:
     each = max(64, 4 * window)
     each += -each % width
     out = engine.planes(image.channels, image.width, image.height)
-    size = (-(-image.width // width), -(-image.height // each), image.channels)
+    size = (engine.vectors(image.width), -(-image.height // each), image.channels)
     kernel = engine.kernel("box.cl", "box_transposed")
     engine.launch("box", kernel, size, image, image.height, out, radius, each, 1.0 / window)
     return out

@@ -21,7 +21,8 @@ def albedo_luminance(engine: Engine, albedo: Planes) -> Planes:
     """sRGB-encoded Rec. 709 luminance of the albedo, clipped to [0, 1]: one plane."""
     out = engine.planes(1, albedo.height, albedo.width)
     kernel = engine.kernel("canny.cl", "albedo_luminance")
-    engine.launch("canny", kernel, (albedo.width, albedo.height), albedo, albedo.height, albedo.width, out)
+    size = (engine.vectors(albedo.width), albedo.height)
+    engine.launch("canny", kernel, size, albedo, albedo.height, albedo.width, out)
     return out
 
 

@@ -33,7 +33,7 @@ def tonemap_inverse(engine: Engine, tone: Planes, exposure: cl.MemoryObjectHolde
 
 def _map(engine: Engine, name: str, planes: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
     out = engine.planes(planes.channels, planes.height, planes.width)
-    size = (planes.width, planes.height, planes.channels)
+    size = (engine.vectors(planes.width), planes.height, planes.channels)
     kernel = engine.kernel("exposure.cl", name)
     engine.launch("tonemap", kernel, size, planes, planes.height, planes.width, exposure, out)
     return out
