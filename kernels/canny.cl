@@ -57,15 +57,16 @@ kernel void histogram(CONST_PLANES(in), int height, int width, volatile global i
     atomic_inc(bins + min((int)(clamp(AT(in, 0, y, x), 0.f, 1.f) * 256.f), 255));
 }
 
-/* low and high from the median, the rule of thumb of one third below and above it. */
-kernel void thresholds_from_median(global const int *restrict bins, int pixels, global float *restrict thresholds)
+/* The rule of thumb of one third below and above the median, for each threshold that is negative: not given. */
+kernel void thresholds_from_median(global const int *restrict bins, int pixels, float low, float high,
+                                   global float *restrict thresholds)
 {
     int bin = 0, below = bins[0];
     while (bin < 255 && 2l * below < pixels)
         below += bins[++bin];
     const float median = (bin + 0.5f) / 256.f;
-    thresholds[0] = 0.67f * median;
-    thresholds[1] = 1.33f * median;
+    thresholds[0] = low < 0.f ? 0.67f * median : low;
+    thresholds[1] = high < 0.f ? 1.33f * median : high;
 }
 
 /* Squared gradient magnitude; outside the image there is none. */

@@ -12,7 +12,7 @@
 kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, int search_radius,
                 constant float *gaussian, global const float *restrict noise_level, float h_factor,
 #ifdef WITH_SSIM
-                CONST_PLANES(unit), CONST_PLANES(stats), constant float *uniform, float c1, float c2, float stabiliser,
+                CONST_PLANES(unit), CONST_PLANES(stats), float c1, float c2, float stabiliser,
 #endif
                 PLANES(out))
 {
@@ -38,16 +38,16 @@ kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, 
             vec distance[ROWS][VECTORS];
             patch_sum(tone_here, tone_here + dy * tone_row + dx, tone_row, tone_plane, 3, gaussian, distance);
 #ifdef WITH_SSIM
-            vec dissimilar[ROWS][VECTORS];
-            patch_dissimilarity(unit_here, unit_here + dy * unit_row + dx, unit_row, unit_plane, stats_here,
-                                stats_here + dy * stats_row + dx, stats_row, stats_plane, uniform, c1, c2, dissimilar);
+            vec ssim[ROWS][VECTORS];
+            patch_ssim_tile(unit_here, unit_here + dy * unit_row + dx, unit_row, unit_plane, stats_here,
+                                stats_here + dy * stats_row + dx, stats_row, stats_plane, c1, c2, ssim);
 #endif
             global const float *color_there = color_here + dy * color_row + dx;
             for (int r = 0; r < ROWS; r++)
                 for (int v = 0; v < VECTORS; v++) {
                     vec exponent = scale * distance[r][v];
 #ifdef WITH_SSIM
-                    exponent *= stabiliser - log((vec)(1.f) - dissimilar[r][v]);
+                    exponent *= stabiliser - log(ssim[r][v]);
 #endif
                     const vec weight = exp(exponent);
                     total[r][v] += weight;

@@ -49,49 +49,93 @@ inline void patch_sum(global const float *a, global const float *b, int row, int
         }
 }
 
-/* 1 - SSIM of two patches of one channel (Wang et al. 2004; Yang 2022, eq. 7, with C3 = C2 / 2), from the means,
- * the variances and the mean squared difference of the patches:
+/* Patch statistics, as planes: STAT(c, kind) is the plane of channel c. */
+#define MEAN 0
+#define VARIANCE 1
+#define ROW_MEAN 2
+#define STAT(c, kind) (3 * (kind) + (c))
+
+/* out[y][v] = variance of a - b over the patch (uniform weights): the spread of each row of the patch about the
+ * row's mean plus the spread of the row means about the patch's mean (Chan et al. 1979), because mean(e^2) -
+ * mean(e)^2 of two flat patches that differ is rounding noise the size of SSIM's C2. The means are known before:
+ * stats_a and stats_b point at the tile's first pixel in the first plane of the statistics, for channel c. */
+inline void patch_spread(global const float *a, global const float *b, int row, global const float *stats_a,
+                         global const float *stats_b, int stats_row, int stats_plane, int c, vec out[ROWS][VECTORS])
+{
+    vec within[ROWS + 2 * PATCH_RADIUS][VECTORS], row_mean[ROWS + 2 * PATCH_RADIUS][VECTORS];
+    for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
+        float difference[SPAN_VECTORS * WIDTH];
+        const int start = (y - PATCH_RADIUS) * row - PATCH_RADIUS;
+        for (int v = 0; v < SPAN_VECTORS; v++)
+            STORE(LOAD(a + start + v * WIDTH) - LOAD(b + start + v * WIDTH), difference + v * WIDTH);
+        const int line = (y - PATCH_RADIUS) * stats_row + STAT(c, ROW_MEAN) * stats_plane;
+        for (int v = 0; v < VECTORS; v++) {
+            const vec mean = LOAD(stats_a + line + v * WIDTH) - LOAD(stats_b + line + v * WIDTH);
+            vec sum = (vec)(0.f);
+#pragma unroll
+            for (int k = 0; k < PATCH; k++) {
+                const vec d = LOAD(difference + v * WIDTH + k) - mean;
+                sum += d * d;
+            }
+            within[y][v] = sum;
+            row_mean[y][v] = mean;
+        }
+    }
+    for (int y = 0; y < ROWS; y++)
+        for (int v = 0; v < VECTORS; v++) {
+            const int i = y * stats_row + STAT(c, MEAN) * stats_plane + v * WIDTH;
+            const vec mean = LOAD(stats_a + i) - LOAD(stats_b + i);
+            vec inside = (vec)(0.f), between = (vec)(0.f);
+#pragma unroll
+            for (int k = 0; k < PATCH; k++) {
+                const vec d = row_mean[y + k][v] - mean;
+                inside += within[y + k][v];
+                between += d * d;
+            }
+            out[y][v] = inside * (1.f / (PATCH * PATCH)) + between * (1.f / PATCH);
+        }
+}
+
+/* 1 - SSIM of two patches of one channel (Wang et al. 2004; Yang 2022, eq. 7, with C3 = C2 / 2):
  *   luminance = 1 - (mu_x - mu_y)^2 / (mu_x^2 + mu_y^2 + C1)
  *   contrast * structure = 1 - var(x - y) / (var_x + var_y + C2)
  * Differences first: equal patches give exactly 0, where the textbook form leaves rounding noise for the
  * logarithm of eq. 8 to magnify.
  */
-inline vec dissimilarity(vec mean_x, vec mean_y, vec variance_x, vec variance_y, vec mean_square, float c1, float c2)
+inline vec dissimilarity(vec mean_x, vec mean_y, vec variance_x, vec variance_y, vec spread, float c1, float c2)
 {
     const vec step = mean_x - mean_y;
     const vec step2 = step * step;
-    const vec spread = fmax(mean_square - step2, (vec)(0.f));
     const vec luminance_scale = mean_x * mean_x + mean_y * mean_y + c1;
     const vec structure_scale = variance_x + variance_y + c2;
     return (step2 * (structure_scale - spread) + spread * luminance_scale) / (luminance_scale * structure_scale);
 }
 
-/* SSIM of three channels: the mean over them, kept away from 0 so that eq. 8's logarithm stays finite. */
+/* ssim[y][v] = mean over three channels, kept away from 0 so that eq. 8's logarithm stays finite; x and y point at the tile's first pixel and at the same, moved by the offset, in the
+ * normals; stats_x and stats_y likewise in their statistics. */
 #define LEAST_SSIM 1e-6f
 
-/* dissimilar[y][v] = 1 - SSIM; x_ and y_ point at the tile's first pixel and at the same, moved by the offset,
- * in the normals and in their patch statistics (three means, then three variances). */
-inline void patch_dissimilarity(global const float *x, global const float *y, int row, int plane,
+inline void patch_ssim_tile(global const float *x, global const float *y, int row, int plane,
                                 global const float *stats_x, global const float *stats_y, int stats_row,
-                                int stats_plane, constant float *uniform, float c1, float c2,
-                                vec dissimilar[ROWS][VECTORS])
+                                int stats_plane, float c1, float c2, vec ssim[ROWS][VECTORS])
 {
-    vec mean_square[ROWS][VECTORS];
+    vec spread[ROWS][VECTORS];
     for (int r = 0; r < ROWS; r++)
         for (int v = 0; v < VECTORS; v++)
-            dissimilar[r][v] = (vec)(0.f);
+            ssim[r][v] = (vec)(0.f);
     for (int c = 0; c < 3; c++) {
-        patch_sum(x + c * plane, y + c * plane, row, plane, 1, uniform, mean_square);
+        patch_spread(x + c * plane, y + c * plane, row, stats_x, stats_y, stats_row, stats_plane, c, spread);
         for (int r = 0; r < ROWS; r++)
             for (int v = 0; v < VECTORS; v++) {
-                const int i = r * stats_row + v * WIDTH + c * stats_plane, j = i + 3 * stats_plane;
-                dissimilar[r][v] += dissimilarity(LOAD(stats_x + i), LOAD(stats_y + i), LOAD(stats_x + j),
-                                                  LOAD(stats_y + j), mean_square[r][v], c1, c2);
+                const int i = r * stats_row + v * WIDTH + STAT(c, MEAN) * stats_plane;
+                const int j = r * stats_row + v * WIDTH + STAT(c, VARIANCE) * stats_plane;
+                ssim[r][v] += dissimilarity(LOAD(stats_x + i), LOAD(stats_y + i), LOAD(stats_x + j),
+                                                  LOAD(stats_y + j), spread[r][v], c1, c2);
             }
     }
     for (int r = 0; r < ROWS; r++)
         for (int v = 0; v < VECTORS; v++)
-            dissimilar[r][v] = clamp(dissimilar[r][v] * (1.f / 3.f), (vec)(0.f), (vec)(1.f - LEAST_SSIM));
+            ssim[r][v] = clamp((vec)(1.f) - ssim[r][v] * (1.f / 3.f), (vec)(LEAST_SSIM), (vec)(1.f));
 }
 
 #endif

@@ -1,45 +1,50 @@
 /* SSIM between patches of the prefiltered normals (Yang 2022, eq. 7; Wang et al. 2004). */
 #include "patch.h"
 
-/* Means (planes 0-2) and variances (planes 3-5) of the patch around each pixel; `in` has a mirrored border of
- * at least the patch radius. The variance is taken about the mean. */
+/* Of the patch around each pixel and channel: mean, variance about the mean, and the mean of its middle row.
+ * `in` has a mirrored border of at least the patch radius. */
 kernel void patch_statistics(CONST_PLANES(in), int height, int width, PLANES(out))
 {
-    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    float sum = 0.f;
-    for (int v = -PATCH_RADIUS; v <= PATCH_RADIUS; v++)
-        for (int u = -PATCH_RADIUS; u <= PATCH_RADIUS; u++)
-            sum += AT(in, c, y + v, x + u);
-    const float mean = sum / (PATCH * PATCH);
-    float squares = 0.f;
+    vec sum = (vec)(0.f), middle = (vec)(0.f);
     for (int v = -PATCH_RADIUS; v <= PATCH_RADIUS; v++)
         for (int u = -PATCH_RADIUS; u <= PATCH_RADIUS; u++) {
-            const float d = AT(in, c, y + v, x + u) - mean;
+            const vec value = VECTOR_AT(in, c, y + v, x + u);
+            sum += value;
+            if (v == 0)
+                middle += value;
+        }
+    const vec mean = sum / (PATCH * PATCH);
+    vec squares = (vec)(0.f);
+    for (int v = -PATCH_RADIUS; v <= PATCH_RADIUS; v++)
+        for (int u = -PATCH_RADIUS; u <= PATCH_RADIUS; u++) {
+            const vec d = VECTOR_AT(in, c, y + v, x + u) - mean;
             squares += d * d;
         }
-    AT(out, c, y, x) = mean;
-    AT(out, 3 + c, y, x) = squares / (PATCH * PATCH);
+    STORE(mean, out + INDEX(out, STAT(c, MEAN), y, x));
+    STORE(squares / (PATCH * PATCH), out + INDEX(out, STAT(c, VARIANCE), y, x));
+    STORE(middle / PATCH, out + INDEX(out, STAT(c, ROW_MEAN), y, x));
 }
 
 /* The map for one offset: SSIM(patch around i, patch around i + offset). `unit` and `stats` have mirrored borders
- * of at least the offset and the patch radius. Not on the way from door to exit: there the weights of nlm.cl use
+ * of at least the offset plus the patch radius. Not on the way from door to exit: there the weights of nlm.cl use
  * the same function tile by tile. */
 kernel void patch_ssim(CONST_PLANES(unit), CONST_PLANES(stats), int height, int width, int dx, int dy,
-                       constant float *uniform, float c1, float c2, PLANES(out))
+                       float c1, float c2, PLANES(out))
 {
     const int x = get_global_id(0) * COLUMNS, y = get_global_id(1) * ROWS;
-    vec dissimilar[ROWS][VECTORS];
+    vec ssim[ROWS][VECTORS];
     const int move = dy * unit_row + dx, stats_move = dy * stats_row + dx;
     global const float *here = unit + INDEX(unit, 0, y, x);
     global const float *stats_here = stats + INDEX(stats, 0, y, x);
-    patch_dissimilarity(here, here + move, unit_row, unit_plane, stats_here, stats_here + stats_move, stats_row,
-                        stats_plane, uniform, c1, c2, dissimilar);
+    patch_ssim_tile(here, here + move, unit_row, unit_plane, stats_here, stats_here + stats_move, stats_row,
+                        stats_plane, c1, c2, ssim);
     for (int r = 0; r < ROWS && y + r < height; r++)
         for (int v = 0; v < VECTORS; v++) {
             float line[WIDTH];
-            STORE(1.f - dissimilar[r][v], line);
+            STORE(ssim[r][v], line);
             for (int i = 0; i < WIDTH && x + v * WIDTH + i < width; i++)
                 AT(out, 0, y + r, x + v * WIDTH + i) = line[i];
         }

@@ -44,7 +44,8 @@ def run(engine: Engine, planes: dict[str, Planes], parameters: Parameters) -> Re
     gray = albedo_luminance(engine, planes["albedo"])
     guide = canny(engine, gray, p.canny_low, p.canny_high, p.canny_sigma)
     normal = guided_filter(engine, guide, planes["normal"], p.guided_radius, p.guided_epsilon)
-    unit = pad(engine, normal, p.search_radius + p.patch_radius, 0.5, 0.5)  # [-1, 1] to [0, 1]
-    stats = pad(engine, patch_statistics(engine, unit, p.patch_radius), p.search_radius)
+    border = p.search_radius + p.patch_radius
+    unit = pad(engine, normal, border, 0.5, 0.5)  # [-1, 1] to [0, 1]
+    stats = pad(engine, patch_statistics(engine, unit, p.patch_radius), border)
     term = SsimTerm(unit, stats, p.ssim_c1, p.ssim_c2, p.stabiliser if p.stabilised else 0.0)
     return nlm.filter_colors(engine, planes["color"], p, term)

@@ -41,13 +41,18 @@ def gaussian_blur(engine: Engine, image: Planes, sigma: float) -> Planes:
     return image
 
 
-def median_thresholds(engine: Engine, image: Planes) -> cl.MemoryObjectHolder:
-    """(0.67, 1.33) times the median of an image in [0, 1] (256 bins): two floats on the device."""
+def canny_thresholds(
+    engine: Engine, image: Planes, low: float | None = None, high: float | None = None
+) -> cl.MemoryObjectHolder:
+    """(low, high) as two floats on the device; what is None is 0.67, or 1.33, times the median (256 bins on [0, 1])."""
+    if low is not None and high is not None:
+        return engine.constant([low, high])
     bins, out = engine.zeros(256), engine.memory(8)
     size = (image.width, image.height)
     engine.launch("canny", engine.kernel("canny.cl", "histogram"), size, image, image.height, image.width, bins)
     kernel = engine.kernel("canny.cl", "thresholds_from_median")
-    engine.launch("canny", kernel, (1,), bins, image.height * image.width, out)
+    given = [-1.0 if value is None else float(value) for value in (low, high)]
+    engine.launch("canny", kernel, (1,), bins, image.height * image.width, *given, out)
     return out
 
 
@@ -59,12 +64,12 @@ def canny(
     Args:
         image: one plane, in [0, 1] for thresholds to mean what they do elsewhere.
         low, high: thresholds on the magnitude of the un-normalised 3x3 Sobel gradient (a step of 1 has magnitude
-            4); both None: from the median of the image.
+            4); None: from the median of the image.
         sigma: standard deviation of the Gaussian before, in pixels; 0 leaves it out.
     """
     height, width = image.height, image.width
     size = (width, height)
-    thresholds = median_thresholds(engine, image) if low is None or high is None else engine.constant([low, high])
+    thresholds = canny_thresholds(engine, image, low, high)
     smooth = gaussian_blur(engine, image, sigma)
     gradient = engine.planes(2, height, width)
     engine.launch("canny", engine.kernel("canny.cl", "sobel"), size, smooth, height, width, gradient)

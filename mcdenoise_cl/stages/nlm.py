@@ -8,7 +8,6 @@ import pyopencl as cl
 
 from ..engine import Engine, Planes
 from .canny import gaussian_taps
-from .ssim import uniform_taps
 
 
 @dataclass(frozen=True)
@@ -17,7 +16,7 @@ class SsimTerm:
 
     Attributes:
         unit: prefiltered normals in [0, 1], border of at least search_radius + patch_radius.
-        stats: their patch statistics, border of at least search_radius.
+        stats: their patch statistics, the same border.
         c1, c2: constants of eq. 7.
         stabiliser: added to ln(1/SSIM), so that no weight ignores the colours; 0 is eq. 8 as printed.
     """
@@ -59,8 +58,7 @@ def nlm(
     arguments = [tone, color, height, width, search_radius, gaussian, noise_level, float(h_factor)]
     if ssim is not None:
         defines["WITH_SSIM"] = None
-        uniform = engine.constant(uniform_taps(patch_radius))
-        arguments += [ssim.unit, ssim.stats, uniform, float(ssim.c1), float(ssim.c2), float(ssim.stabiliser)]
+        arguments += [ssim.unit, ssim.stats, float(ssim.c1), float(ssim.c2), float(ssim.stabiliser)]
     out = engine.planes(3, height, width)
     kernel = engine.kernel("nlm.cl", "nlm", **defines)
     engine.launch(

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..engine import Engine, Planes
 
 
-def uniform_taps(patch_radius: int) -> np.ndarray:
-    """The window of SSIM's means: 2 patch_radius + 1 equal weights of sum 1."""
-    return np.full(2 * patch_radius + 1, 1 / (2 * patch_radius + 1))
-
-
 def patch_statistics(engine: Engine, unit: Planes, patch_radius: int) -> Planes:
-    """Means (planes 0-2) and variances about the mean (planes 3-5) of the patch around each pixel.
+    """Of the patch around each pixel: means (planes 0-2), variances (3-5) and means of the middle row (6-8).
 
     Args:
         unit: three planes in [0, 1] with a mirrored border of at least `patch_radius`.
     """
-    out = engine.planes(6, unit.height, unit.width)
+    out = engine.planes(9, unit.height, unit.width)
     kernel = engine.kernel("ssim.cl", "patch_statistics", **engine.tile_defines(patch_radius))
-    engine.launch("ssim", kernel, (unit.width, unit.height, 3), unit, unit.height, unit.width, out)
+    engine.launch("ssim", kernel, (engine.vectors(unit.width), unit.height, 3), unit, unit.height, unit.width, out)
     return out
 
 
@@ -31,13 +24,12 @@ def patch_ssim(
 
     Args:
         unit: three planes in [0, 1] with a border of at least max(|dx|, |dy|) + patch_radius.
-        stats: `patch_statistics` of it, with a border of at least max(|dx|, |dy|).
+        stats: `patch_statistics` of it, with the same border.
         c1, c2: the constants of eq. 7 for range 1; C3 = c2 / 2.
     """
     out = engine.planes(1, unit.height, unit.width)
     kernel = engine.kernel("ssim.cl", "patch_ssim", **engine.tile_defines(patch_radius))
-    taps = engine.constant(uniform_taps(patch_radius))
     size = engine.tiles(unit.height, unit.width)
-    arguments = (unit, stats, unit.height, unit.width, dx, dy, taps, float(c1), float(c2), out)
+    arguments = (unit, stats, unit.height, unit.width, dx, dy, float(c1), float(c2), out)
     engine.launch("ssim", kernel, size, *arguments, single=True)
     return out

@@ -1,0 +1,18 @@
+"""Fixtures shared by the tests of kernels: one engine on the default device."""
+
+import pyopencl as cl
+import pytest
+
+from mcdenoise_cl.device import context_for, pick_device
+from mcdenoise_cl.engine import Engine
+
+
+@pytest.fixture(scope="session")
+def device():
+    """The device that `mcdenoise_cl` picks; without any OpenCL this fails, as it should."""
+    return pick_device().device
+
+
+@pytest.fixture(scope="session")
+def engine(device):
+    return Engine(cl.CommandQueue(context_for(device), device))
