@@ -71,6 +71,8 @@ class Frame:
     def __post_init__(self) -> None:
         if self.color is None:
             raise FrameError("color is missing: every frame needs a colour plane of shape (H, W, 3)")
+        if not isinstance(self.metadata, Mapping):
+            raise FrameError(f"metadata is a {type(self.metadata).__name__}: pass a dict, or leave it out")
         for name, plane in self.planes().items():
             _check_type(name, plane)
             _check_shape(name, plane, tuple(self.color.shape[:2]))
@@ -114,22 +116,30 @@ def _check_type(name: str, plane: Any) -> None:
     dtype = np.dtype(plane.dtype)
     if dtype not in DTYPES:
         why = (
-            "integer pixels carry no scale, so convert them yourself, for instance color.astype('float32') / 255"
+            f"integer pixels carry no scale, so convert them yourself, for instance {name}.astype('float32') / 255"
             if dtype.kind in "iu"
-            else f"convert it with .astype('float32'){' after taking the real part' if dtype.kind == 'c' else ''}"
+            else "convert it with .astype('float32')"
         )
         raise FrameError(f"{name} has dtype {dtype} but float16, float32 or float64 is needed: {why}")
+    if isinstance(plane, np.ma.MaskedArray):
+        raise FrameError(f"{name} is a masked array, whose mask would be lost: fill it first, {name}.filled(0)")
 
 
 def _check_shape(name: str, plane: Any, size: tuple[int, int]) -> None:
     shape = tuple(plane.shape)
-    if name in SCALAR_PLANES:
-        if len(shape) != 2:
-            raise FrameError(f"{name} is {shape} but (H, W) is needed: pass one channel, for instance {name}[..., 0]")
-    elif len(shape) != 3 or shape[2] != 3:
-        hint = f"pass {name}[..., :3]" if len(shape) == 3 and shape[2] > 3 else "stack three channels last"
-        raise FrameError(f"{name} is {shape} but (H, W, 3) is needed: {hint}")
     if 0 in shape:
         raise FrameError(f"{name} is {shape}, which has no pixels: a frame needs at least one")
+    if name in SCALAR_PLANES:
+        if len(shape) != 2:
+            channel_last = len(shape) == 3 and shape[:2] == size
+            hint = f"pass one channel, {name}[..., 0]" if channel_last else "pass one value a pixel"
+            raise FrameError(f"{name} is {shape} but (H, W) is needed: {hint}")
+    elif len(shape) != 3 or shape[2] != 3:
+        hint = "stack three channels last"
+        if len(shape) == 3 and shape[0] == 3:
+            hint = f"the channels come first, so pass numpy.moveaxis({name}, 0, -1)"
+        elif len(shape) == 3 and shape[2] > 3:
+            hint = f"pass {name}[..., :3]"
+        raise FrameError(f"{name} is {shape} but (H, W, 3) is needed: {hint}")
     if shape[:2] != size:
         raise FrameError(f"{name} is {shape} but color is {(*size, 3)}: all planes of a frame share height and width")
