@@ -118,7 +118,7 @@ def _check_type(name: str, plane: Any) -> None:
         why = (
             f"integer pixels carry no scale, so convert them yourself, for instance {name}.astype('float32') / 255"
             if dtype.kind in "iu"
-            else "convert it with .astype('float32')"
+            else f"convert it with .astype('float32'){', after taking the real part' if dtype.kind == 'c' else ''}"
         )
         raise FrameError(f"{name} has dtype {dtype} but float16, float32 or float64 is needed: {why}")
     if isinstance(plane, np.ma.MaskedArray):
