@@ -47,21 +47,49 @@ kernel void exposure_from_rows(global const float *restrict row_sum, global cons
     exposure[0] = count > 0 ? key / exp(sum / count) : 1.f;
 }
 
-kernel void tonemap(CONST_PLANES(color), int height, int width, global const float *restrict exposure, PLANES(out))
+/* Two curves from light to tone, both followed by a gamma of 2.2: CLIP cuts at 1, as a display does, and so takes
+ * a lamp and a sunlit wall for the same; REINHARD, x / (1 + x), keeps all of them apart and can be undone. */
+#define CLIP 0
+#define REINHARD 1
+
+kernel void tonemap(CONST_PLANES(color), int height, int width, global const float *restrict exposure, int curve,
+                    PLANES(out))
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    const vec display = clamp(exposure[0] * VECTOR_AT(color, c, y, x), (vec)(0.f), (vec)(1.f));
-    STORE(power(display, 1.f / 2.2f), out + INDEX(out, c, y, x));
+    const vec light = fmax(exposure[0] * VECTOR_AT(color, c, y, x), (vec)(0.f));
+    const vec tone = curve == CLIP ? fmin(light, (vec)(1.f)) : light / (light + 1.f);
+    STORE(power(tone, 1.f / 2.2f), out + INDEX(out, c, y, x));
 }
 
-kernel void tonemap_inverse(CONST_PLANES(in), int height, int width, global const float *restrict exposure,
+kernel void tonemap_inverse(CONST_PLANES(in), int height, int width, global const float *restrict exposure, int curve,
                             PLANES(out))
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    const vec display = clamp(VECTOR_AT(in, c, y, x), (vec)(0.f), (vec)(1.f));
-    STORE(power(display, 2.2f) / exposure[0], out + INDEX(out, c, y, x));
+    const vec tone = power(clamp(VECTOR_AT(in, c, y, x), (vec)(0.f), (vec)(1.f)), 2.2f);
+    const vec light = curve == CLIP ? tone : tone / fmax((vec)(1.f) - tone, (vec)(1e-6f));
+    STORE(light / exposure[0], out + INDEX(out, c, y, x));
+}
+
+/* Light compressed for averaging, x / (1 + |x|) of the exposed colour: nearly linear in the dark, so that averaging
+ * there keeps the energy, and bounded in the light, so that one firefly cannot outweigh its neighbours. */
+kernel void compress(CONST_PLANES(color), int height, int width, global const float *restrict exposure, PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const vec light = exposure[0] * VECTOR_AT(color, c, y, x);
+    STORE(light / (1.f + fabs(light)), out + INDEX(out, c, y, x));
+}
+
+kernel void expand(CONST_PLANES(in), int height, int width, global const float *restrict exposure, PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const vec light = VECTOR_AT(in, c, y, x);
+    STORE(light / fmax((vec)(1.f) - fabs(light), (vec)(1e-6f)) / exposure[0], out + INDEX(out, c, y, x));
 }

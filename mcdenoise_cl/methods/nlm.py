@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..engine import Engine, Planes
-from ..stages.exposure import auto_exposure, tonemap, tonemap_inverse
+from ..stages.exposure import CURVES, auto_exposure, compress, expand, tonemap, tonemap_inverse
 from ..stages.nlm import SsimTerm
 from ..stages.nlm import nlm as nlm_stage
 from ..stages.noise import noise_level
@@ -27,15 +27,18 @@ class Parameters:
     patch_sigma: float | None = parameter(
         None, "Gaussian over the patch, standard deviation in pixels; none: half of patch_radius", kind=float, low=0.0
     )
-    h_factor: float = parameter(1.0, "strength: h is this many times the frame's own noise level", low=0.0)
+    h_factor: float = parameter(2.0, "strength: h is this many times the frame's own noise level", low=0.0)
     h: float | None = parameter(
-        None, "strength as a fixed number, in tonemapped units; none: h_factor", kind=float, low=0.0
+        None, "strength as a fixed number, in tonemapped units; none: h_factor times the noise", kind=float, low=0.0
     )
     exposure: float | None = parameter(
         None, "factor before tonemapping; none: 0.18 / log-average luminance", kind=float, low=1e-30
     )
+    curve: str = parameter("reinhard", "tonemapping before colours are compared", choices=CURVES)
     average: str = parameter(
-        "linear", "colours are averaged as light, or as tonemapped values", choices=("linear", "tonemapped")
+        "compressed",
+        "what is averaged: light, light compressed by x / (1 + x), or tonemapped values",
+        choices=("linear", "compressed", "tonemapped"),
     )
 
 
@@ -48,11 +51,15 @@ def filter_colors(engine: Engine, color: Planes, parameters: Parameters, ssim: S
     """Tonemap, estimate the noise, and average with the weights of eq. 5, or of eq. 8 where `ssim` is given."""
     p = parameters
     exposure = engine.constant([p.exposure]) if p.exposure is not None else auto_exposure(engine, color)
-    tone = tonemap(engine, color, exposure)
+    tone = tonemap(engine, color, exposure, p.curve)
     level = noise_level(engine, tone)
     border = p.search_radius + p.patch_radius
     tone = pad(engine, tone, border)
-    averaged = tone if p.average == "tonemapped" else pad(engine, color, p.search_radius)
+    if p.average == "tonemapped":
+        averaged = tone
+    else:
+        light = compress(engine, color, exposure) if p.average == "compressed" else color
+        averaged = pad(engine, light, p.search_radius)
     out = nlm_stage(
         engine,
         tone,
@@ -65,5 +72,7 @@ def filter_colors(engine: Engine, color: Planes, parameters: Parameters, ssim: S
         ssim=ssim,
     )
     if p.average == "tonemapped":
-        out = tonemap_inverse(engine, out, exposure)
+        out = tonemap_inverse(engine, out, exposure, p.curve)
+    elif p.average == "compressed":
+        out = expand(engine, out, exposure)
     return Result(out, exposure, level)

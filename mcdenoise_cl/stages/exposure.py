@@ -8,6 +8,8 @@ from ..engine import Engine, Planes
 
 #: Middle grey: what the log-average luminance is mapped to.
 KEY = 0.18
+#: Names of the curves, in the order of exposure.cl.
+CURVES = ("clip", "reinhard")
 
 
 def auto_exposure(engine: Engine, color: Planes, key: float = KEY) -> cl.MemoryObjectHolder:
@@ -21,19 +23,29 @@ def auto_exposure(engine: Engine, color: Planes, key: float = KEY) -> cl.MemoryO
     return out
 
 
-def tonemap(engine: Engine, color: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
-    """clip(exposure * color, 0, 1)^(1/2.2)."""
-    return _map(engine, "tonemap", color, exposure)
+def tonemap(engine: Engine, color: Planes, exposure: cl.MemoryObjectHolder, curve: str = "clip") -> Planes:
+    """(f(exposure * color))^(1/2.2), with f(x) = clip(x, 0, 1), or x / (1 + x) for the curve "reinhard"."""
+    return _map(engine, "tonemap", color, exposure, CURVES.index(curve))
 
 
-def tonemap_inverse(engine: Engine, tone: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
-    """tone^2.2 / exposure, for tone in [0, 1]."""
-    return _map(engine, "tonemap_inverse", tone, exposure)
+def tonemap_inverse(engine: Engine, tone: Planes, exposure: cl.MemoryObjectHolder, curve: str = "clip") -> Planes:
+    """The colour that `tonemap` maps to `tone`, for tone in [0, 1]."""
+    return _map(engine, "tonemap_inverse", tone, exposure, CURVES.index(curve))
 
 
-def _map(engine: Engine, name: str, planes: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
+def compress(engine: Engine, color: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
+    """x / (1 + |x|) of x = exposure * color: for averages that a firefly cannot dominate."""
+    return _map(engine, "compress", color, exposure)
+
+
+def expand(engine: Engine, compressed: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
+    """The colour that `compress` maps to these values in (-1, 1)."""
+    return _map(engine, "expand", compressed, exposure)
+
+
+def _map(engine: Engine, name: str, planes: Planes, exposure: cl.MemoryObjectHolder, *arguments: int) -> Planes:
     out = engine.planes(planes.channels, planes.height, planes.width)
     size = (engine.vectors(planes.width), planes.height, planes.channels)
     kernel = engine.kernel("exposure.cl", name)
-    engine.launch("tonemap", kernel, size, planes, planes.height, planes.width, exposure, out)
+    engine.launch("tonemap", kernel, size, planes, planes.height, planes.width, exposure, *arguments, out)
     return out
