@@ -76,20 +76,33 @@ kernel void tonemap_inverse(CONST_PLANES(in), int height, int width, global cons
 
 /* Light compressed for averaging, x / (1 + |x|) of the exposed colour: nearly linear in the dark, so that averaging
  * there keeps the energy, and bounded in the light, so that one firefly cannot outweigh its neighbours. */
+inline vec compressed(vec light)
+{
+    return light / (1.f + fabs(light));
+}
+
 kernel void compress(CONST_PLANES(color), int height, int width, global const float *restrict exposure, PLANES(out))
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    const vec light = exposure[0] * VECTOR_AT(color, c, y, x);
-    STORE(light / (1.f + fabs(light)), out + INDEX(out, c, y, x));
+    STORE(compressed(exposure[0] * VECTOR_AT(color, c, y, x)), out + INDEX(out, c, y, x));
 }
 
-kernel void expand(CONST_PLANES(in), int height, int width, global const float *restrict exposure, PLANES(out))
+inline vec expanded(vec light)
+{
+    return light / fmax((vec)(1.f) - fabs(light), (vec)(1e-6f));
+}
+
+/* Back to light, as a change of the colour that was compressed, so that what compression rounds off stays: a pixel
+ * that the average left alone comes out to the last bit. */
+kernel void expand(CONST_PLANES(in), int height, int width, global const float *restrict exposure,
+                   CONST_PLANES(color), PLANES(out))
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    const vec light = VECTOR_AT(in, c, y, x);
-    STORE(light / fmax((vec)(1.f) - fabs(light), (vec)(1e-6f)) / exposure[0], out + INDEX(out, c, y, x));
+    const vec before = VECTOR_AT(color, c, y, x);
+    const vec change = expanded(VECTOR_AT(in, c, y, x)) - expanded(compressed(exposure[0] * before));
+    STORE(before + change / exposure[0], out + INDEX(out, c, y, x));
 }

@@ -103,14 +103,37 @@ def auto_exposure(color: np.ndarray, key: float = 0.18) -> float:
     return float(key / np.exp(np.mean(np.log(lum[positive]))))
 
 
-def tonemap(color: np.ndarray, exposure: float) -> np.ndarray:
-    """clip(exposure · c, 0, 1)^(1/2.2), the domain of the distance d."""
-    return np.clip(exposure * np.asarray(color, dtype=np.float64), 0.0, 1.0) ** (1.0 / 2.2)
+def tonemap(color: np.ndarray, exposure: float, curve: str = "clip") -> np.ndarray:
+    """The domain of colour distances: f(exposure · c)^(1/2.2), f(x) = clip(x, 0, 1), or x / (1 + x) from x = 0 up."""
+    light = np.maximum(np.asarray(color, dtype=np.float64) * exposure, 0.0)
+    return (np.minimum(light, 1.0) if curve == "clip" else light / (1.0 + light)) ** (1.0 / 2.2)
 
 
-def tonemap_inverse(t: np.ndarray, exposure: float) -> np.ndarray:
-    """t^2.2 / exposure; what `tonemap` clipped stays lost."""
-    return np.asarray(t, dtype=np.float64) ** 2.2 / exposure
+def tonemap_inverse(t: np.ndarray, exposure: float, curve: str = "clip") -> np.ndarray:
+    """Back to linear light; what `tonemap` clipped stays clipped."""
+    tone = np.clip(np.asarray(t, dtype=np.float64), 0.0, 1.0) ** 2.2
+    return (tone if curve == "clip" else tone / np.maximum(1.0 - tone, 1e-6)) / exposure
+
+
+def compress(color: np.ndarray, exposure: float) -> np.ndarray:
+    """x / (1 + |x|) of x = exposure · c."""
+    light = np.asarray(color, dtype=np.float64) * exposure
+    return light / (1.0 + np.abs(light))
+
+
+def expand(compressed: np.ndarray, exposure: float) -> np.ndarray:
+    """The inverse of `compress`."""
+    compressed = np.asarray(compressed, dtype=np.float64)
+    return compressed / np.maximum(1.0 - np.abs(compressed), 1e-6) / exposure
+
+
+def averaged(color: np.ndarray, t: np.ndarray, exposure: float, curve: str, average: str, mean) -> np.ndarray:
+    """`mean` taken in the domain that `average` names: linear, compressed or tonemapped."""
+    if average == "tonemapped":
+        return tonemap_inverse(mean(t), exposure, curve)
+    if average == "compressed":
+        return expand(mean(compress(color, exposure)), exposure)
+    return mean(color)
 
 
 def normal_to_unit(normal: np.ndarray) -> np.ndarray:
@@ -376,23 +399,21 @@ def denoise_nlm(
     color: np.ndarray,
     *,
     patch_sigma: float,
-    h_factor: float = 1.0,
+    h_factor: float,
     h: float | None = None,
     search_radius: int = 3,
     patch_radius: int = 2,
     exposure: float | None = None,
+    curve: str = "reinhard",
+    average: str = "compressed",
 ) -> np.ndarray:
-    """The baseline: fill, expose, tonemap, then `nlm` on linear colour; h = h_factor · noise level if not given."""
+    """The baseline: fill, expose, tonemap, then `nlm`; h = h_factor · noise level if not given."""
     color, _ = fill_nonfinite(color)
-    t = tonemap(color, auto_exposure(color) if exposure is None else exposure)
-    return nlm(
-        color,
-        t,
-        search_radius=search_radius,
-        patch_radius=patch_radius,
-        patch_sigma=patch_sigma,
-        h=h_factor * noise_level(t) if h is None else h,
-    )
+    exposure = auto_exposure(color) if exposure is None else exposure
+    t = tonemap(color, exposure, curve)
+    windows = {"search_radius": search_radius, "patch_radius": patch_radius, "patch_sigma": patch_sigma}
+    strength = h_factor * noise_level(t) if h is None else h
+    return averaged(color, t, exposure, curve, average, lambda c: nlm(c, t, **windows, h=strength))
 
 
 def denoise_ssim_nlm(
@@ -401,44 +422,33 @@ def denoise_ssim_nlm(
     normal: np.ndarray,
     *,
     patch_sigma: float,
-    guide_radius: int,
-    guide_eps: float,
+    guided_radius: int,
+    guided_epsilon: float,
     stabiliser: float,
-    h_factor: float = 1.0,
+    h_factor: float,
     h: float | None = None,
     canny_low: float | None = None,
     canny_high: float | None = None,
     canny_sigma: float | None = 1.4,
     search_radius: int = 3,
     patch_radius: int = 2,
-    c1: float = 0.01**2,
-    c2: float = 0.03**2,
+    ssim_c1: float = 0.01**2,
+    ssim_c2: float = 0.03**2,
     exposure: float | None = None,
+    curve: str = "reinhard",
+    average: str = "compressed",
 ) -> np.ndarray:
-    """The paper's method, stages 1 to 6, on linear colour.
-
-    A Canny threshold that is not given comes from the median of the sRGB-encoded albedo luminance.
-    """
+    """The paper's method, stages 1 to 6; a Canny threshold not given comes from the median of the grey albedo."""
     color, _ = fill_nonfinite(color)
     albedo, _ = fill_nonfinite(albedo)
     normal, _ = fill_nonfinite(normal)
-    t = tonemap(color, auto_exposure(color) if exposure is None else exposure)
-    median_low, median_high = median_thresholds(srgb_encode(luminance(albedo)))
-    guide = albedo_guide(
-        albedo,
-        median_low if canny_low is None else canny_low,
-        median_high if canny_high is None else canny_high,
-        canny_sigma,
-    )
-    return ssim_nlm(
-        color,
-        t,
-        normal_to_unit(guided_filter(guide, normal, guide_radius, guide_eps)),
-        search_radius=search_radius,
-        patch_radius=patch_radius,
-        patch_sigma=patch_sigma,
-        h=h_factor * noise_level(t) if h is None else h,
-        c1=c1,
-        c2=c2,
-        stabiliser=stabiliser,
-    )
+    exposure = auto_exposure(color) if exposure is None else exposure
+    t = tonemap(color, exposure, curve)
+    low, high = median_thresholds(srgb_encode(luminance(albedo)))
+    low, high = low if canny_low is None else canny_low, high if canny_high is None else canny_high
+    guide = albedo_guide(albedo, low, high, canny_sigma)
+    m = normal_to_unit(guided_filter(guide, normal, guided_radius, guided_epsilon))
+    options = {"search_radius": search_radius, "patch_radius": patch_radius, "patch_sigma": patch_sigma}
+    options |= {"c1": ssim_c1, "c2": ssim_c2, "stabiliser": stabiliser}
+    strength = h_factor * noise_level(t) if h is None else h
+    return averaged(color, t, exposure, curve, average, lambda c: ssim_nlm(c, t, m, **options, h=strength))

@@ -580,6 +580,10 @@ def test_limits_of_the_weights():
     assert_close(oracle.ssim_nlm(color, t, flat, stabiliser=0.25, **options), same, 1e-9)
 
 
+#: The domains that the outside implementations below are given: clipped tones for distances, light for averages.
+PLAIN = {"curve": "clip", "average": "linear"}
+
+
 # --- Whole methods ----------------------------------------------------------------------------------------
 
 
@@ -593,14 +597,15 @@ def test_denoise_ssim_nlm_is_the_chain_of_outside_implementations():
         albedo,
         normal,
         patch_sigma=1.5,
-        guide_radius=2,
-        guide_eps=0.01,
+        guided_radius=2,
+        guided_epsilon=0.01,
         stabiliser=0.1,
         h_factor=0.8,
         canny_low=0.2,
         canny_high=0.4,
         search_radius=2,
         patch_radius=1,
+        **PLAIN,
     )
     for plane, y, x in ((color, 4, 5), (albedo, 2, 3), (normal, 3, 7)):
         plane[y, x] = np.nan
@@ -621,7 +626,7 @@ def test_denoise_ssim_nlm_is_the_chain_of_outside_implementations():
 
     # The baseline shares the frame, the exposure and the noise level.
     color[4, 5, 0] = np.nan
-    actual = oracle.denoise_nlm(color, patch_sigma=1.5, h_factor=0.8, search_radius=2, patch_radius=1)
+    actual = oracle.denoise_nlm(color, patch_sigma=1.5, h_factor=0.8, search_radius=2, patch_radius=1, **PLAIN)
     color[4, 5] = np.nan
     color[4, 5] = np.nanmean(color[3:6, 4:7], axis=(0, 1))
     assert_close(actual, brute_force(color, t, m, **options), 1e-11)
@@ -630,7 +635,14 @@ def test_denoise_ssim_nlm_is_the_chain_of_outside_implementations():
 def test_denoise_takes_given_exposure_h_and_median_thresholds():
     scene = features(31, 64)
     inputs = scene["color"], scene["albedo"], scene["normal"]
-    fixed = {"patch_sigma": 1.0, "guide_radius": 2, "guide_eps": 0.01, "stabiliser": 0.1}
+    fixed = {
+        "patch_sigma": 1.0,
+        "guided_radius": 2,
+        "guided_epsilon": 0.01,
+        "stabiliser": 0.1,
+        "h_factor": 1.0,
+        **PLAIN,
+    }
     t = oracle.tonemap(scene["color"], 0.7)
     low, high = oracle.median_thresholds(oracle.srgb_encode(oracle.luminance(scene["albedo"])))
     guide = oracle.albedo_guide(scene["albedo"], low, high)
@@ -641,21 +653,22 @@ def test_denoise_takes_given_exposure_h_and_median_thresholds():
     assert_close(oracle.denoise_ssim_nlm(*inputs, exposure=0.7, h=0.05, **fixed), expected, 1e-14)
     no_guide = oracle.denoise_ssim_nlm(*inputs, exposure=0.7, h=0.05, canny_low=99.0, canny_high=99.0, **fixed)
     assert np.abs(no_guide - expected).max() > 1e-6
-    actual = oracle.denoise_nlm(scene["color"], patch_sigma=1.0, exposure=0.7, h=0.05)
+    actual = oracle.denoise_nlm(scene["color"], patch_sigma=1.0, h_factor=1.0, exposure=0.7, h=0.05, **PLAIN)
     assert_close(actual, oracle.nlm(scene["color"], t, **options), 1e-14)
 
 
 def test_denoising_brings_the_scene_closer_to_the_truth_at_any_exposure():
     noisy, clean = features(31, 64), features(31, 64, noise=0.0)["color"]
-    nlm = oracle.denoise_nlm(noisy["color"], patch_sigma=1.0)
+    nlm = oracle.denoise_nlm(noisy["color"], patch_sigma=1.0, h_factor=1.0)
     ssim_nlm = oracle.denoise_ssim_nlm(
         noisy["color"],
         noisy["albedo"],
         noisy["normal"],
         patch_sigma=1.0,
-        guide_radius=2,
-        guide_eps=0.01,
+        guided_radius=2,
+        guided_epsilon=0.01,
         stabiliser=1.0,
+        h_factor=1.0,
     )
 
     def error(image: np.ndarray) -> float:
@@ -663,13 +676,13 @@ def test_denoising_brings_the_scene_closer_to_the_truth_at_any_exposure():
 
     assert error(nlm) < 0.7 * error(noisy["color"])
     assert error(ssim_nlm) < 0.7 * error(noisy["color"])
-    assert_close(oracle.denoise_nlm(64.0 * noisy["color"], patch_sigma=1.0) / 64.0, nlm, 1e-12)
+    assert_close(oracle.denoise_nlm(64.0 * noisy["color"], patch_sigma=1.0, h_factor=1.0) / 64.0, nlm, 1e-12)
 
 
 def test_constant_frame_comes_back_unchanged():
     color, normal = planes("constant", 7, 5, 3), np.full((7, 5, 3), (0.0, 0.0, 1.0))
-    assert_close(oracle.denoise_nlm(color, patch_sigma=1.0), color.astype(np.float64), 1e-14)
+    assert_close(oracle.denoise_nlm(color, patch_sigma=1.0, h_factor=1.0), color.astype(np.float64), 1e-14)
     actual = oracle.denoise_ssim_nlm(
-        color, color, normal, patch_sigma=1.0, guide_radius=2, guide_eps=0.01, stabiliser=0.1
+        color, color, normal, patch_sigma=1.0, guided_radius=2, guided_epsilon=0.01, stabiliser=0.1, h_factor=1.0
     )
     assert_close(actual, color.astype(np.float64), 1e-14)

@@ -67,16 +67,33 @@ def test_pad_mirrors(engine, image, border):
 
 
 @pytest.mark.parametrize("image", CASES)
-def test_exposure_and_tonemap(engine, image):
+@pytest.mark.parametrize("curve", exposure.CURVES)
+def test_exposure_and_tonemap(engine, image, curve):
     image = image - 0.3  # negative values too, as reconstruction filters leave them
     planes = to_planes(engine, image)
     factor = exposure.auto_exposure(engine, planes)
     expected = oracle.auto_exposure(image)
     assert scalars(engine, factor)[0] == pytest.approx(expected, rel=1e-5)
-    tone = exposure.tonemap(engine, planes, factor)
-    close(to_array(engine, tone), oracle.tonemap(image, expected), scale=1.0)
-    back = exposure.tonemap_inverse(engine, tone, factor)
-    close(to_array(engine, back), oracle.tonemap_inverse(oracle.tonemap(image, expected), expected), 1 / expected)
+    tone = exposure.tonemap(engine, planes, factor, curve)
+    close(to_array(engine, tone), oracle.tonemap(image, expected, curve), scale=1.0)
+    # The way back alone, from values that both sides share: near 1 the inverse magnifies any difference.
+    values = np.linspace(0, 0.95, 60, dtype=np.float32).reshape(4, 5, 3)
+    back = exposure.tonemap_inverse(engine, to_planes(engine, values), factor, curve)
+    close(to_array(engine, back), oracle.tonemap_inverse(values, expected, curve))
+
+
+@pytest.mark.parametrize("image", CASES)
+def test_compress_and_expand(engine, image):
+    image = image - 0.3
+    planes, factor = to_planes(engine, image), engine.constant([0.7])
+    small = exposure.compress(engine, planes, factor)
+    close(to_array(engine, small), oracle.compress(image, 0.7), scale=1.0, tolerance=1e-6)
+    # A pixel left alone comes back to the last bit; a changed one as the inverse says.
+    np.testing.assert_array_equal(to_array(engine, exposure.expand(engine, small, factor, planes)), image)
+    changed = (0.9 * oracle.compress(image, 0.7)).astype(np.float32)
+    back = to_array(engine, exposure.expand(engine, to_planes(engine, changed), factor, planes))
+    expected = oracle.expand(changed, 0.7)
+    np.testing.assert_allclose(back, expected, rtol=0, atol=2e-6 * (1 + np.abs(image).max()) * np.abs(image).max())
 
 
 def test_exposure_of_a_black_frame_is_one(engine):

@@ -74,5 +74,5 @@ def filter_colors(engine: Engine, color: Planes, parameters: Parameters, ssim: S
     if p.average == "tonemapped":
         out = tonemap_inverse(engine, out, exposure, p.curve)
     elif p.average == "compressed":
-        out = expand(engine, out, exposure)
+        out = expand(engine, out, exposure, color)
     return Result(out, exposure, level)

@@ -23,6 +23,7 @@ NEEDS = ("albedo", "normal")
 class Parameters(nlm.Parameters):
     """The paper's windows; the choices it leaves open by measurement (bench/sweep.py)."""
 
+    h_factor: float = parameter(1.0, "strength: h is this many times the frame's own noise level", low=0.0)
     stabilised: bool = parameter(True, "false: eq. 8 exactly as printed, which ignores colour where normals are equal")
     stabiliser: float = parameter(0.1, "what the stabilised form adds to ln(1/SSIM)", low=0.0)
     canny_sigma: float = parameter(1.4, "Gaussian before Canny, standard deviation in pixels", low=0.0, high=32)
@@ -32,7 +33,7 @@ class Parameters(nlm.Parameters):
     canny_high: float | None = parameter(
         None, "upper threshold on the Sobel gradient of the albedo; none: 1.33 median", kind=float, low=0.0
     )
-    guided_radius: int = parameter(2, "windows of the guided filter are (2 r + 1)² pixels", low=0, high=1024)
+    guided_radius: int = parameter(1, "windows of the guided filter are (2 r + 1)² pixels", low=0, high=1024)
     guided_epsilon: float = parameter(1e-2, "regularisation of the guided filter", low=1e-12)
     ssim_c1: float = parameter(1e-4, "constant of SSIM's luminance term, range 1", low=1e-12)
     ssim_c2: float = parameter(9e-4, "constant of SSIM's contrast term, range 1; C3 is half of it", low=1e-12)

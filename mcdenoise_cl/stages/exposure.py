@@ -38,12 +38,12 @@ def compress(engine: Engine, color: Planes, exposure: cl.MemoryObjectHolder) -> 
     return _map(engine, "compress", color, exposure)
 
 
-def expand(engine: Engine, compressed: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
-    """The colour that `compress` maps to these values in (-1, 1)."""
-    return _map(engine, "expand", compressed, exposure)
+def expand(engine: Engine, compressed: Planes, exposure: cl.MemoryObjectHolder, color: Planes) -> Planes:
+    """The inverse of `compress` for values in (-1, 1); `color`, which was compressed, is exact where nothing changed."""
+    return _map(engine, "expand", compressed, exposure, color)
 
 
-def _map(engine: Engine, name: str, planes: Planes, exposure: cl.MemoryObjectHolder, *arguments: int) -> Planes:
+def _map(engine: Engine, name: str, planes: Planes, exposure: cl.MemoryObjectHolder, *arguments: int | Planes) -> Planes:
     out = engine.planes(planes.channels, planes.height, planes.width)
     size = (engine.vectors(planes.width), planes.height, planes.channels)
     kernel = engine.kernel("exposure.cl", name)

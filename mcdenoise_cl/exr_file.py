@@ -1,0 +1,127 @@
+"""The parts of an EXR file: loading them all, saving them all, and nothing seen half done."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+
+from .errors import ExrError
+
+MAGIC = b"\x76\x2f\x31\x01"
+DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of a file: its header, and by channel name the pixels and the linearity flag."""
+
+    header: dict[str, Any]
+    channels: dict[str, tuple[np.ndarray, bool]]
+    deep: bool
+
+    @property
+    def window(self) -> tuple[int, ...]:
+        (x0, y0), (x1, y1) = self.header["dataWindow"]
+        return int(x0), int(y0), int(x1), int(y1)
+
+    @property
+    def planes(self) -> list[str]:
+        """The channels that can be a plane or a part of one: integers are identifiers, deep pixels are lists."""
+        return [] if self.deep else [name for name, (pixels, _) in self.channels.items() if pixels.dtype.kind == "f"]
+
+
+def load(path: str | os.PathLike[str]) -> list[Part]:
+    """Every part of a file, with all its pixels; nothing of it stays open."""
+    try:
+        with Path(path).open("rb") as stream:
+            start = stream.read(4)
+    except OSError as error:
+        raise ExrError(f"{path} cannot be read ({error.strerror}): give the path of an EXR file that can be") from None
+    if start != MAGIC:
+        raise ExrError(f"{path} is not an EXR file, whatever its name: it does not start with the EXR signature")
+    try:
+        # OpenEXR 3.5 leaves out the parts whose pixels it cannot read, so they are counted first.
+        with OpenEXR.File(str(path), header_only=True) as file:
+            expected = len(file.parts)
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            parts = [_extract(path, part) for part in file.parts]
+    except ExrError:
+        raise
+    except Exception as error:  # the module raises whatever its C++ code throws
+        raise ExrError(
+            f"{path} cannot be read, it is damaged or uses a feature that OpenEXR {OpenEXR.__version__} for Python "
+            f"lacks ({error}): render or copy it again"
+        ) from None
+    if len(parts) < max(expected, 1):
+        raise ExrError(f"{path} is damaged or cut short, its pixels cannot be read: render or copy it again")
+    return parts
+
+
+def _extract(path: str | os.PathLike[str], part: OpenEXR.Part) -> Part:
+    coarse = [c.name for c in part.header["channels"] if (c.xSampling, c.ySampling) != (1, 1)]
+    if coarse:
+        # Asked for before the pixels: OpenEXR fails on those, or hands out a plane padded with garbage.
+        raise ExrError(
+            f"{path} stores {', '.join(coarse)} at a lower resolution (subsampled), which is not supported: save it "
+            "with full-resolution R, G and B"
+        )
+    channels = {name: (channel.pixels, channel.pLinear) for name, channel in part.channels.items()}
+    # An old file of one part does not say of what kind it is; written back it must not become another.
+    return Part(dict(part.header) | {"type": part.type()}, channels, part.type() in DEEP)
+
+
+def save(path: str | os.PathLike[str], parts: Sequence[Part]) -> None:
+    """Write beside the final name and rename, so that nobody ever sees half a file."""
+    final = Path(os.path.realpath(path))  # a link keeps pointing to the file
+    if final.exists() and not final.is_file():
+        raise ExrError(f"{path} is not a regular file: give the path of a file to write")
+    temporary = final.with_name(f".mcdenoise-{secrets.token_hex(8)}.tmp")
+    try:
+        # Made here rather than by OpenEXR: never over an existing file, and with the permissions of any new file.
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        try:
+            _write(temporary, parts)
+            temporary.replace(final)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+    except Exception as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ExrError(
+            f"{path} cannot be written ({reason}): check the folder, its permissions and its free space"
+        ) from error
+
+
+def _write(path: Path, parts: Sequence[Part]) -> None:
+    # OpenEXR changes the dictionaries and channels it is given, so it gets its own.
+    files = [
+        OpenEXR.Part(
+            _writable(part.header),
+            {name: OpenEXR.Channel(name, pixels, 1, 1, linear) for name, (pixels, linear) in part.channels.items()},
+            part.header.get("name", ""),
+        )
+        for part in parts
+    ]
+    OpenEXR.File(files).write(str(path))
+
+
+def _writable(header: Mapping[str, Any]) -> dict[str, Any]:
+    """A header that OpenEXR accepts. Channels and chunks follow from the pixels; it has no type for an empty list."""
+    kept = {
+        key: value
+        for key, value in header.items()
+        if key not in ("channels", "chunkCount") and not (isinstance(value, list) and not value)
+    }
+    if "tiles" in kept and kept["tiles"].mode != OpenEXR.ONE_LEVEL:
+        # Only the first level was read, and OpenEXR would leave the others as holes in the file.
+        tiles = OpenEXR.TileDescription()
+        tiles.xSize, tiles.ySize = kept["tiles"].xSize, kept["tiles"].ySize
+        kept["tiles"] = tiles
+    return kept

@@ -1,0 +1,96 @@
+"""Devices: listing, choosing, and what happens without any."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pyopencl as cl
+import pytest
+
+from mcdenoise_cl import DeviceError
+from mcdenoise_cl import device as device_module
+from mcdenoise_cl.device import DeviceInfo, list_devices, pick_device, shape_for
+
+
+def fake(index, kind, name="chip", runtime="runtime"):
+    return DeviceInfo(index, name, runtime, "OpenCL 3.0", "1.0", kind, 2, 2**30, None)
+
+
+@pytest.fixture(autouse=True)
+def no_choice(monkeypatch):
+    monkeypatch.delenv("MCDENOISE_DEVICE", raising=False)
+
+
+def test_list():
+    devices = list_devices()
+    assert devices and [info.index for info in devices] == list(range(len(devices)))
+    assert all(info.compute_units > 0 and info.memory > 0 and info.name for info in devices)
+
+
+def test_pick_by_index_name_part_and_device(monkeypatch):
+    devices = list_devices()
+    last = devices[-1]
+    assert pick_device(last.index) == last
+    assert pick_device(str(last.index)) == last
+    assert pick_device(last.device) == last
+    assert pick_device(last.name.upper()[2:]).name == last.name
+    monkeypatch.setenv("MCDENOISE_DEVICE", str(last.index))
+    assert pick_device() == last
+    assert pick_device(0) == devices[0]  # the argument wins
+    monkeypatch.setenv("MCDENOISE_DEVICE", "abacus")
+    with pytest.raises(DeviceError, match=r"environment variable MCDENOISE_DEVICE is 'abacus'.*choose one of 0: "):
+        pick_device()
+    with pytest.raises(DeviceError, match="device is '99'"):
+        pick_device(99)
+
+
+def test_gpu_comes_first(monkeypatch):
+    monkeypatch.setattr(device_module, "list_devices", lambda: [fake(0, "CPU"), fake(1, "GPU"), fake(2, "GPU")])
+    assert pick_device().index == 1
+
+
+def test_fastest_cpu_runtime_is_measured_once(monkeypatch, tmp_path):
+    devices = [fake(0, "CPU", runtime="slow"), fake(1, "CPU", runtime="fast"), fake(2, "accelerator")]
+    monkeypatch.setattr(device_module, "list_devices", lambda: devices)
+    monkeypatch.setattr(device_module.platformdirs, "user_cache_dir", lambda _: str(tmp_path / "cache"))
+    calls = []
+    seconds = {"slow": 2.0, "fast": 1.0}
+    by_device = iter(devices * 3)
+
+    def time(_device):
+        calls.append(next(by_device).runtime)
+        return seconds[calls[-1]]
+
+    monkeypatch.setattr(device_module, "_time", time)
+    assert pick_device().runtime == "fast"
+    assert calls == ["slow", "fast"]
+    assert pick_device().runtime == "fast"
+    assert len(calls) == 2  # from the file
+    [file] = (tmp_path / "cache").iterdir()
+    assert sorted(json.loads(file.read_text()).values()) == [1.0, 2.0]
+    file.write_text("{broken")
+    by_device = iter(devices * 3)
+    assert pick_device().runtime == "fast"
+    assert len(calls) == 4
+
+
+def test_timing_of_a_real_device(device):
+    assert 0 < device_module._time(device) < float("inf")
+
+
+def test_shape_suits_the_device(device):
+    shape = shape_for(device)
+    assert shape.columns % shape.width == 0 and shape.columns <= 64 and shape.rows <= 16
+    if device.type & cl.device_type.CPU:
+        assert shape.columns > 1
+
+
+def test_without_a_runtime_the_error_says_what_to_install(tmp_path):
+    code = "import mcdenoise_cl, numpy\nmcdenoise_cl.denoise(numpy.ones((4, 4, 3)))"
+    environment = {**os.environ, "OCL_ICD_VENDORS": str(tmp_path / "none"), "OCL_ICD_FILENAMES": ""}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    last = done.stderr.strip().splitlines()[-1]
+    assert "DeviceError: no OpenCL runtime was found: install" in last
+    assert "pip install 'mcdenoise-cl[cpu]'" in last
