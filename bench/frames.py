@@ -6,6 +6,7 @@ frames are kept in a cache folder, so that only the first run pays for them.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,20 @@ class Case:
     frame: Frame
     reference: Frame
     exposure: float
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options that say which frames to measure on."""
+    parser.add_argument("--frames", type=Path, default=BESIDE, help="folder of frames; rendered if it is not there")
+    parser.add_argument("--spp", type=int, nargs="*", default=[], help="sample counts; all there are by default")
+    parser.add_argument("--cache", type=Path, default=Path("bench/cache"), help="where rendered frames are kept")
+
+
+def chosen_cases(options: argparse.Namespace) -> Iterator[Case]:
+    """The frames that `add_arguments` asked for."""
+    if options.frames.is_dir():
+        return folder_cases(options.frames, tuple(options.spp))
+    return rendered_cases(options.cache, tuple(options.spp) or (4, 32, 128), 4096, 640, 360)
 
 
 def folder_cases(folder: Path, spp: tuple[int, ...] = ()) -> Iterator[Case]:

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import argparse
 from collections import defaultdict
-from pathlib import Path
 
 import numpy as np
-from frames import BESIDE, Case, folder_cases, rendered_cases
+from frames import Case, add_arguments, chosen_cases
 
 from mcdenoise_cl import Denoiser
 from mcdenoise_cl.methods import get_method
@@ -35,9 +34,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--method", default="ssim-nlm")
     parser.add_argument("--parameter", nargs="+", required=True, metavar=("NAME", "VALUE"))
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
-    parser.add_argument("--frames", type=Path, default=BESIDE)
-    parser.add_argument("--spp", type=int, nargs="*", default=[])
-    parser.add_argument("--cache", type=Path, default=Path("bench/cache"))
+    add_arguments(parser)
     return parser
 
 
@@ -46,10 +43,7 @@ def main() -> None:
     known = {info.name: info for info in get_method(options.method).parameters}
     fixed = {name: parse(known[name], text) for name, text in (item.split("=", 1) for item in options.set)}
     swept, *values = options.parameter
-    if options.frames.is_dir():
-        cases = list(folder_cases(options.frames, tuple(options.spp)))
-    else:
-        cases = list(rendered_cases(options.cache, tuple(options.spp) or (4, 32, 128), 2048, 480, 270))
+    cases = list(chosen_cases(options))
     before = [errors(case, case.frame.color)[0] for case in cases]
     counts = sorted({case.spp for case in cases})
     print(

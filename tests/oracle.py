@@ -15,6 +15,9 @@ import numpy as np
 #: h² never falls below this, so that a noise-free frame (h = 0) gives 0 / MIN_H_SQUARED and not 0 / 0.
 MIN_H_SQUARED = 1e-12
 
+#: Of a pixel itself where its weight is the largest of the others: a pixel that nothing resembles stays.
+LEAST_WEIGHT = 1e-4
+
 # --- Borders and windows ----------------------------------------------------------------------------------
 
 
@@ -347,8 +350,17 @@ def ssim_nlm_weights(
     return np.stack(weights)
 
 
-def weighted_mean(color: np.ndarray, weights: np.ndarray, search_radius: int) -> np.ndarray:
-    """Eq. 4: f(i) = sum_j w(i, j) c(j) / Z(i), Z the sum of the weights."""
+def weighted_mean(color: np.ndarray, weights: np.ndarray, search_radius: int, center: str = "one") -> np.ndarray:
+    """Eq. 4: f(i) = sum_j w(i, j) c(j) / Z(i), Z the sum of the weights.
+
+    With center "largest", w(i, i) is the largest of the other weights (Buades et al. 2005), and at least
+    LEAST_WEIGHT, instead of 1.
+    """
+    if center == "largest":
+        weights = weights.copy()
+        middle = len(weights) // 2
+        others = np.delete(weights, middle, axis=0)
+        weights[middle] = np.maximum(others.max(axis=0, initial=0.0), LEAST_WEIGHT)
     candidates = neighbours(color, search_radius)
     z = weights.sum(axis=0)
     if candidates.ndim == 4:
@@ -357,11 +369,18 @@ def weighted_mean(color: np.ndarray, weights: np.ndarray, search_radius: int) ->
 
 
 def nlm(
-    color: np.ndarray, t: np.ndarray, *, search_radius: int, patch_radius: int, patch_sigma: float, h: float
+    color: np.ndarray,
+    t: np.ndarray,
+    *,
+    search_radius: int,
+    patch_radius: int,
+    patch_sigma: float,
+    h: float,
+    center: str = "one",
 ) -> np.ndarray:
     """Eqs. 4-6: non-local means of `color`, with distances taken on `t`."""
     weights = nlm_weights(t, search_radius=search_radius, patch_radius=patch_radius, patch_sigma=patch_sigma, h=h)
-    return weighted_mean(color, weights, search_radius)
+    return weighted_mean(color, weights, search_radius, center)
 
 
 def ssim_nlm(
@@ -376,6 +395,7 @@ def ssim_nlm(
     c1: float,
     c2: float,
     stabiliser: float,
+    center: str = "one",
 ) -> np.ndarray:
     """Eqs. 4 and 6-8: non-local means of `color`, distances on `t`, similarity of the normals `m` in [0, 1]."""
     weights = ssim_nlm_weights(
@@ -389,7 +409,7 @@ def ssim_nlm(
         c2=c2,
         stabiliser=stabiliser,
     )
-    return weighted_mean(color, weights, search_radius)
+    return weighted_mean(color, weights, search_radius, center)
 
 
 # --- Whole methods ----------------------------------------------------------------------------------------
@@ -406,12 +426,18 @@ def denoise_nlm(
     exposure: float | None = None,
     curve: str = "reinhard",
     average: str = "compressed",
+    center: str = "one",
 ) -> np.ndarray:
     """The baseline: fill, expose, tonemap, then `nlm`; h = h_factor · noise level if not given."""
     color, _ = fill_nonfinite(color)
     exposure = auto_exposure(color) if exposure is None else exposure
     t = tonemap(color, exposure, curve)
-    windows = {"search_radius": search_radius, "patch_radius": patch_radius, "patch_sigma": patch_sigma}
+    windows = {
+        "search_radius": search_radius,
+        "patch_radius": patch_radius,
+        "patch_sigma": patch_sigma,
+        "center": center,
+    }
     strength = h_factor * noise_level(t) if h is None else h
     return averaged(color, t, exposure, curve, average, lambda c: nlm(c, t, **windows, h=strength))
 
@@ -437,6 +463,7 @@ def denoise_ssim_nlm(
     exposure: float | None = None,
     curve: str = "reinhard",
     average: str = "compressed",
+    center: str = "one",
 ) -> np.ndarray:
     """The paper's method, stages 1 to 6; a Canny threshold not given comes from the median of the grey albedo."""
     color, _ = fill_nonfinite(color)
@@ -449,6 +476,6 @@ def denoise_ssim_nlm(
     guide = albedo_guide(albedo, low, high, canny_sigma)
     m = normal_to_unit(guided_filter(guide, normal, guided_radius, guided_epsilon))
     options = {"search_radius": search_radius, "patch_radius": patch_radius, "patch_sigma": patch_sigma}
-    options |= {"c1": ssim_c1, "c2": ssim_c2, "stabiliser": stabiliser}
+    options |= {"center": center, "c1": ssim_c1, "c2": ssim_c2, "stabiliser": stabiliser}
     strength = h_factor * noise_level(t) if h is None else h
     return averaged(color, t, exposure, curve, average, lambda c: ssim_nlm(c, t, m, **options, h=strength))

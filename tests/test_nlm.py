@@ -8,7 +8,7 @@ from skimage.metrics import structural_similarity
 from test_stages import close
 from transfer import to_array, to_planes
 
-from mcdenoise_cl.stages.nlm import SsimTerm, nlm
+from mcdenoise_cl.stages.nlm import CENTERS, SsimTerm, nlm
 from mcdenoise_cl.stages.pad import pad
 from mcdenoise_cl.stages.ssim import patch_ssim, patch_statistics
 
@@ -60,7 +60,8 @@ def test_patch_ssim_of_equal_patches_is_one_to_the_last_bit(engine):
 @pytest.mark.parametrize(("height", "width"), SMALL)
 @pytest.mark.parametrize("kind", inputs.KINDS)
 @pytest.mark.parametrize(("search", "patch"), WINDOWS)
-def test_nlm(engine, kind, height, width, search, patch):
+@pytest.mark.parametrize("center", CENTERS)
+def test_nlm(engine, kind, height, width, search, patch, center):
     color = inputs.planes(kind, height, width, 3)
     tone = oracle.tonemap(color, 0.5).astype(np.float32)
     sigma = max(patch / 2, 0.3)
@@ -73,9 +74,12 @@ def test_nlm(engine, kind, height, width, search, patch):
         patch_sigma=sigma,
         noise_level=engine.constant([0.1]),
         h_factor=2.0,
+        center=center,
     )
-    expected = oracle.nlm(color, tone, search_radius=search, patch_radius=patch, patch_sigma=sigma, h=0.2)
-    close(to_array(engine, out), expected)
+    windows = {"search_radius": search, "patch_radius": patch, "patch_sigma": sigma}
+    expected = oracle.nlm(color, tone, **windows, h=0.2, center=center)
+    # Weights as small as LEAST_WEIGHT decide a firefly's value; their exponents, up to 9, multiply d's rounding.
+    close(to_array(engine, out), expected, tolerance=1e-5 if center == "one" else 3e-5)
 
 
 @pytest.mark.parametrize(("height", "width"), SMALL)
@@ -115,6 +119,17 @@ def test_printed_form_blurs_whatever_lies_on_a_plane(engine):
     close(printed, oracle.box_mean(color, 3))
     assert np.abs(printed - color).max() > 0.2
     assert np.abs(stable - color).max() < 0.01
+
+
+def test_an_outlier_that_resembles_nothing_goes_with_the_largest_weight(engine):
+    color = np.full((31, 64, 3), 0.2, np.float32)
+    color[15, 30] = 50.0
+    tone = oracle.tonemap(color, 1.0).astype(np.float32)
+    padded = pad(engine, to_planes(engine, tone), 5), pad(engine, to_planes(engine, color), 5)
+    windows = {"search_radius": 3, "patch_radius": 2, "patch_sigma": 1.0}
+    level = {"noise_level": engine.constant([0.1]), "h_factor": 1.0}
+    kept, gone = (to_array(engine, nlm(engine, *padded, **windows, **level, center=c))[15, 30, 0] for c in CENTERS)
+    assert kept > 20 and gone < 3
 
 
 def test_a_constant_stays_itself_to_the_last_bit(engine):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..engine import Engine, Planes
 from ..stages.exposure import CURVES, auto_exposure, compress, expand, tonemap, tonemap_inverse
-from ..stages.nlm import SsimTerm
+from ..stages.nlm import CENTERS, SsimTerm
 from ..stages.nlm import nlm as nlm_stage
 from ..stages.noise import noise_level
 from ..stages.pad import pad
@@ -27,9 +27,12 @@ class Parameters:
     patch_sigma: float | None = parameter(
         None, "Gaussian over the patch, standard deviation in pixels; none: half of patch_radius", kind=float, low=0.0
     )
-    h_factor: float = parameter(2.0, "strength: h is this many times the frame's own noise level", low=0.0)
+    h_factor: float = parameter(1.5, "strength: h is this many times the frame's own noise level", low=0.0)
     h: float | None = parameter(
         None, "strength as a fixed number, in tonemapped units; none: h_factor times the noise", kind=float, low=0.0
+    )
+    center: str = parameter(
+        "largest", "weight of the pixel itself: one, as eq. 5 has it, or the largest of the others", choices=CENTERS
     )
     exposure: float | None = parameter(
         None, "factor before tonemapping; none: 0.18 / log-average luminance", kind=float, low=1e-30
@@ -47,9 +50,8 @@ def run(engine: Engine, planes: dict[str, Planes], parameters: Parameters) -> Re
     return filter_colors(engine, planes["color"], parameters, None)
 
 
-def filter_colors(engine: Engine, color: Planes, parameters: Parameters, ssim: SsimTerm | None) -> Result:
+def filter_colors(engine: Engine, color: Planes, p: Parameters, ssim: SsimTerm | None) -> Result:
     """Tonemap, estimate the noise, and average with the weights of eq. 5, or of eq. 8 where `ssim` is given."""
-    p = parameters
     exposure = engine.constant([p.exposure]) if p.exposure is not None else auto_exposure(engine, color)
     tone = tonemap(engine, color, exposure, p.curve)
     level = noise_level(engine, tone)
@@ -69,6 +71,7 @@ def filter_colors(engine: Engine, color: Planes, parameters: Parameters, ssim: S
         patch_sigma=p.patch_radius / 2 if p.patch_sigma is None else p.patch_sigma,
         noise_level=level if p.h is None else engine.constant([1.0]),
         h_factor=p.h_factor if p.h is None else p.h,
+        center=p.center,
         ssim=ssim,
     )
     if p.average == "tonemapped":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..engine import Engine, Planes
 from ..stages.canny import albedo_luminance, canny
@@ -23,9 +23,11 @@ NEEDS = ("albedo", "normal")
 class Parameters(nlm.Parameters):
     """The paper's windows; the choices it leaves open by measurement (bench/sweep.py)."""
 
-    h_factor: float = parameter(1.0, "strength: h is this many times the frame's own noise level", low=0.0)
-    stabilised: bool = parameter(True, "false: eq. 8 exactly as printed, which ignores colour where normals are equal")
-    stabiliser: float = parameter(0.1, "what the stabilised form adds to ln(1/SSIM)", low=0.0)
+    h_factor: float = parameter(1.2, "strength: h is this many times the frame's own noise level", low=0.0)
+    stabilised: bool = parameter(
+        True, "false: eq. 8 exactly as printed (its center is one), which ignores colours where normals are equal"
+    )
+    stabiliser: float = parameter(0.3, "what the stabilised form adds to ln(1/SSIM)", low=0.0)
     canny_sigma: float = parameter(1.4, "Gaussian before Canny, standard deviation in pixels", low=0.0, high=32)
     canny_low: float | None = parameter(
         None, "lower threshold on the Sobel gradient of the albedo; none: 0.67 median", kind=float, low=0.0
@@ -48,5 +50,7 @@ def run(engine: Engine, planes: dict[str, Planes], parameters: Parameters) -> Re
     border = p.search_radius + p.patch_radius
     unit = pad(engine, normal, border, 0.5, 0.5)  # [-1, 1] to [0, 1]
     stats = pad(engine, patch_statistics(engine, unit, p.patch_radius), border)
-    term = SsimTerm(unit, stats, p.ssim_c1, p.ssim_c2, p.stabiliser if p.stabilised else 0.0)
+    if not p.stabilised:
+        p = replace(p, stabiliser=0.0, center="one")
+    term = SsimTerm(unit, stats, p.ssim_c1, p.ssim_c2, p.stabiliser)
     return nlm.filter_colors(engine, planes["color"], p, term)

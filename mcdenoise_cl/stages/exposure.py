@@ -39,13 +39,13 @@ def compress(engine: Engine, color: Planes, exposure: cl.MemoryObjectHolder) -> 
 
 
 def expand(engine: Engine, compressed: Planes, exposure: cl.MemoryObjectHolder, color: Planes) -> Planes:
-    """The inverse of `compress` for values in (-1, 1); `color`, which was compressed, is exact where nothing changed."""
+    """The inverse of `compress`, for values in (-1, 1); where nothing changed, `color` to the last bit."""
     return _map(engine, "expand", compressed, exposure, color)
 
 
-def _map(engine: Engine, name: str, planes: Planes, exposure: cl.MemoryObjectHolder, *arguments: int | Planes) -> Planes:
+def _map(engine: Engine, name: str, planes: Planes, exposure: cl.MemoryObjectHolder, *more: int | Planes) -> Planes:
     out = engine.planes(planes.channels, planes.height, planes.width)
     size = (engine.vectors(planes.width), planes.height, planes.channels)
     kernel = engine.kernel("exposure.cl", name)
-    engine.launch("tonemap", kernel, size, planes, planes.height, planes.width, exposure, *arguments, out)
+    engine.launch("tonemap", kernel, size, planes, planes.height, planes.width, exposure, *more, out)
     return out

@@ -9,6 +9,10 @@ import pyopencl as cl
 from ..engine import Engine, Planes
 from .canny import gaussian_taps
 
+#: What the weight of the pixel itself can be: 1, since its patch is equal to itself, or the largest of the other
+#: weights (Buades et al. 2005), without which an outlier that resembles nothing stays as it is.
+CENTERS = ("one", "largest")
+
 
 @dataclass(frozen=True)
 class SsimTerm:
@@ -38,6 +42,7 @@ def nlm(
     patch_sigma: float,
     noise_level: cl.MemoryObjectHolder,
     h_factor: float,
+    center: str = "one",
     ssim: SsimTerm | None = None,
 ) -> Planes:
     """Average `color` over the search window with weights from patches of `tone`.
@@ -47,6 +52,7 @@ def nlm(
         color: three planes to average, border of at least search_radius.
         patch_sigma: standard deviation of the Gaussian over the patch, in pixels.
         noise_level: one float on the device; h = h_factor * noise_level.
+        center: one of CENTERS.
         ssim: the term of eq. 8, or None for eq. 5.
 
     Returns:
@@ -55,7 +61,17 @@ def nlm(
     height, width = tone.height, tone.width
     defines = engine.tile_defines(patch_radius)
     gaussian = engine.constant(gaussian_taps(patch_sigma, patch_radius))
-    arguments = [tone, color, height, width, search_radius, gaussian, noise_level, float(h_factor)]
+    arguments = [
+        tone,
+        color,
+        height,
+        width,
+        search_radius,
+        gaussian,
+        noise_level,
+        float(h_factor),
+        CENTERS.index(center),
+    ]
     if ssim is not None:
         defines["WITH_SSIM"] = None
         arguments += [ssim.unit, ssim.stats, float(ssim.c1), float(ssim.c2), float(ssim.stabiliser)]
