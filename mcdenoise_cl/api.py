@@ -10,7 +10,8 @@ import numpy as np
 import pyopencl as cl
 import pyopencl.array as cl_array
 
-from .device import context_for, pick_device
+from .choose import pick_device
+from .device import context_for
 from .engine import Engine
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
@@ -52,7 +53,7 @@ class Denoiser:
     Args:
         height, width: size of the frames, in pixels.
         method: a name of `methods()`.
-        device: index, part of a name, or `pyopencl.Device`; None: see `mcdenoise_cl.device.pick_device`.
+        device: index, part of a name, or `pyopencl.Device`; None: see `mcdenoise_cl.choose.pick_device`.
         queue: an in-order `pyopencl.CommandQueue` to work on instead, in the caller's context.
         **parameters: the method's, by name.
 

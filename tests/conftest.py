@@ -3,7 +3,8 @@
 import pyopencl as cl
 import pytest
 
-from mcdenoise_cl.device import context_for, pick_device
+from mcdenoise_cl.choose import pick_device
+from mcdenoise_cl.device import context_for
 from mcdenoise_cl.engine import Engine
 
 

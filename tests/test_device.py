@@ -8,9 +8,9 @@ import sys
 import pyopencl as cl
 import pytest
 
-from mcdenoise_cl import DeviceError
-from mcdenoise_cl import device as device_module
-from mcdenoise_cl.device import DeviceInfo, list_devices, pick_device, shape_for
+from mcdenoise_cl import DeviceError, choose
+from mcdenoise_cl.choose import pick_device
+from mcdenoise_cl.device import DeviceInfo, list_devices, shape_for
 
 
 def fake(index, kind, name="chip", runtime="runtime"):
@@ -46,14 +46,14 @@ def test_pick_by_index_name_part_and_device(monkeypatch):
 
 
 def test_gpu_comes_first(monkeypatch):
-    monkeypatch.setattr(device_module, "list_devices", lambda: [fake(0, "CPU"), fake(1, "GPU"), fake(2, "GPU")])
+    monkeypatch.setattr(choose, "list_devices", lambda: [fake(0, "CPU"), fake(1, "GPU"), fake(2, "GPU")])
     assert pick_device().index == 1
 
 
 def test_fastest_cpu_runtime_is_measured_once(monkeypatch, tmp_path):
     devices = [fake(0, "CPU", runtime="slow"), fake(1, "CPU", runtime="fast"), fake(2, "accelerator")]
-    monkeypatch.setattr(device_module, "list_devices", lambda: devices)
-    monkeypatch.setattr(device_module.platformdirs, "user_cache_dir", lambda _: str(tmp_path / "cache"))
+    monkeypatch.setattr(choose, "list_devices", lambda: devices)
+    monkeypatch.setattr(choose.platformdirs, "user_cache_dir", lambda _: str(tmp_path / "cache"))
     calls = []
     seconds = {"slow": 2.0, "fast": 1.0}
     by_device = iter(devices * 3)
@@ -62,7 +62,7 @@ def test_fastest_cpu_runtime_is_measured_once(monkeypatch, tmp_path):
         calls.append(next(by_device).runtime)
         return seconds[calls[-1]]
 
-    monkeypatch.setattr(device_module, "_time", time)
+    monkeypatch.setattr(choose, "_time", time)
     assert pick_device().runtime == "fast"
     assert calls == ["slow", "fast"]
     assert pick_device().runtime == "fast"
@@ -76,7 +76,7 @@ def test_fastest_cpu_runtime_is_measured_once(monkeypatch, tmp_path):
 
 
 def test_timing_of_a_real_device(device):
-    assert 0 < device_module._time(device) < float("inf")
+    assert 0 < choose._time(device) < float("inf")
 
 
 def test_shape_suits_the_device(device):

@@ -1,0 +1,107 @@
+"""Which OpenCL device to use: what the user says, else the first GPU, else the CPU runtime that is fastest here."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import platformdirs
+import pyopencl as cl
+
+from .device import DEVICE_VARIABLE, INSTALL_HINT, DeviceInfo, context_for, describe, list_devices
+from .engine import Engine
+from .errors import DeviceError
+from .stages.nlm import nlm
+from .stages.pad import pad
+
+
+def pick_device(choice: str | int | cl.Device | None = None) -> DeviceInfo:
+    """The device to use.
+
+    Args:
+        choice: an index of `list_devices`, part of a device's or runtime's name (case does not matter), a
+            `pyopencl.Device`, or None for the environment variable `MCDENOISE_DEVICE` and, without it, the
+            default: the first GPU, else the fastest CPU runtime.
+
+    Raises:
+        DeviceError: there is no device, or none that fits `choice`.
+    """
+    devices = list_devices()
+    if not devices:
+        raise DeviceError(f"OpenCL is installed but has no device: {INSTALL_HINT}")
+    if isinstance(choice, cl.Device):
+        return next((info for info in devices if info.device == choice), None) or describe(-1, choice)
+    origin = "device"
+    if choice is None:
+        choice, origin = os.environ.get(DEVICE_VARIABLE) or None, f"environment variable {DEVICE_VARIABLE}"
+    if choice is None:
+        return _default(devices)
+    text = str(choice).strip()
+    if text.lstrip("-").isdigit():
+        matches = [info for info in devices if info.index == int(text)]
+    else:
+        matches = [info for info in devices if text.lower() in f"{info.name} {info.runtime} {info.version}".lower()]
+    if not matches:
+        known = "; ".join(f"{info.index}: {info.name} ({info.runtime}, {info.version})" for info in devices)
+        raise DeviceError(f"{origin} is {text!r}, which is none of the devices here: choose one of {known}")
+    return matches[0]
+
+
+def _default(devices: list[DeviceInfo]) -> DeviceInfo:
+    gpus = [info for info in devices if info.kind == "GPU"]
+    others = [info for info in devices if info.kind == "CPU"] or devices
+    if gpus or len(others) == 1:
+        return (gpus or others)[0]
+    seconds = _measured_seconds(others)
+    return min(others, key=lambda info: seconds[_identity(info)])
+
+
+def _identity(info: DeviceInfo) -> str:
+    return f"{info.runtime} | {info.version} | {info.driver} | {info.name} | {info.compute_units}"
+
+
+def _measured_seconds(devices: list[DeviceInfo]) -> dict[str, float]:
+    """Seconds of one small denoising kernel on each device, measured once a machine and kept in the user's cache."""
+    identities = [_identity(info) for info in devices]
+    digest = hashlib.sha256("\n".join(identities).encode()).hexdigest()[:16]
+    path = Path(platformdirs.user_cache_dir("mcdenoise-cl")) / f"runtimes-{digest}.json"
+    try:
+        known = {str(name): float(seconds) for name, seconds in json.loads(path.read_text()).items()}
+        if set(known) == set(identities):
+            return known
+    except (OSError, ValueError, AttributeError, TypeError):
+        pass  # absent, broken or written by another version: measure again
+    known = {identity: _time(info.device) for identity, info in zip(identities, devices, strict=True)}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
+            json.dump({name: seconds if seconds < float("inf") else 1e30 for name, seconds in known.items()}, file)
+        Path(file.name).replace(path)
+    except OSError:
+        pass  # a read-only home only means measuring again next time
+    return known
+
+
+def _time(device: cl.Device) -> float:
+    """Seconds of NLM on 256x128 zeros, the best of five runs; infinity where it does not run."""
+    try:
+        engine = Engine(cl.CommandQueue(context_for(device), device))
+        image = engine.planes(3, 128, 256)
+        cl.enqueue_fill_buffer(engine.queue, image.buffer, np.float32(0), 0, 4 * image.channels * image.plane)
+        image = pad(engine, image, 5)
+        windows = {"search_radius": 3, "patch_radius": 2, "patch_sigma": 1.0}
+        best = float("inf")
+        for _ in range(5):
+            engine.queue.finish()
+            start = time.perf_counter()
+            nlm(engine, image, image, **windows, noise_level=engine.constant([1.0]), h_factor=1.0)
+            engine.queue.finish()
+            best = min(best, time.perf_counter() - start)
+        return best
+    except (cl.Error, DeviceError):
+        return float("inf")
