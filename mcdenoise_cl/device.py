@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from dataclasses import dataclass, field
 
@@ -103,7 +104,17 @@ _lock = threading.Lock()
 
 
 def context_for(device: cl.Device) -> cl.Context:
-    """One context a device and process: making one takes long on some drivers."""
+    """One context a device and process: making one takes long on some drivers.
+
+    Raises:
+        DeviceError: the device cannot be opened, or is a PoCL that could not link its kernels.
+    """
+    if "PoCL" in device.version and shutil.which("ld") is None:
+        # PoCL would not report this but end the process.
+        raise DeviceError(
+            "PoCL links its kernels with the system's linker, ld, which is missing: "
+            "on Debian and Ubuntu, apt-get install gcc libc6-dev"
+        )
     with _lock:
         if device not in _contexts:
             try:

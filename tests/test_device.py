@@ -94,3 +94,13 @@ def test_without_a_runtime_the_error_says_what_to_install(tmp_path):
     last = done.stderr.strip().splitlines()[-1]
     assert "DeviceError: no OpenCL runtime was found: install" in last
     assert "pip install 'mcdenoise-cl[cpu]'" in last
+
+
+def test_pocl_without_a_linker_is_an_error_and_not_an_abort(tmp_path):
+    if not any("PoCL" in info.version for info in list_devices()):
+        pytest.skip("no PoCL here")
+    code = "import mcdenoise_cl, numpy\nmcdenoise_cl.denoise(numpy.ones((4, 4, 3)), device='PoCL')"
+    environment = {**os.environ, "PATH": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "apt-get install gcc libc6-dev" in done.stderr.strip().splitlines()[-1]
