@@ -49,6 +49,48 @@ inline void patch_sum(global const float *a, global const float *b, int row, int
         }
 }
 
+/* out[y][v] = squared difference of the patches beyond what their noise explains, in units of that noise (Rousselle
+ * et al. 2012, with k = 1), mean over patch and channels, at least 0. a and b as above; va and vb point likewise into
+ * the variances. */
+#define LEAST_VARIANCE 1e-8f
+
+inline void patch_variance_distance(global const float *a, global const float *b, int row, int plane,
+                                    global const float *va, global const float *vb, int v_row, int v_plane,
+                                    int channels, vec out[ROWS][VECTORS])
+{
+    vec across[ROWS + 2 * PATCH_RADIUS][VECTORS];
+    for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
+        float excess[SPAN_VECTORS * WIDTH];
+        const int start = (y - PATCH_RADIUS) * row - PATCH_RADIUS;
+        const int v_start = (y - PATCH_RADIUS) * v_row - PATCH_RADIUS;
+        for (int v = 0; v < SPAN_VECTORS; v++) {
+            vec sum = (vec)(0.f);
+            for (int c = 0; c < channels; c++) {
+                const int i = start + v * WIDTH + c * plane, j = v_start + v * WIDTH + c * v_plane;
+                const vec difference = LOAD(a + i) - LOAD(b + i);
+                const vec here = LOAD(va + j), there = LOAD(vb + j);
+                sum += (difference * difference - (here + fmin(here, there))) / (here + there + LEAST_VARIANCE);
+            }
+            STORE(sum, excess + v * WIDTH);
+        }
+        for (int v = 0; v < VECTORS; v++) {
+            vec sum = LOAD(excess + v * WIDTH);
+#pragma unroll
+            for (int k = 1; k < PATCH; k++)
+                sum += LOAD(excess + v * WIDTH + k);
+            across[y][v] = sum;
+        }
+    }
+    for (int y = 0; y < ROWS; y++)
+        for (int v = 0; v < VECTORS; v++) {
+            vec sum = across[y][v];
+#pragma unroll
+            for (int k = 1; k < PATCH; k++)
+                sum += across[y + k][v];
+            out[y][v] = fmax(sum * (1.f / (channels * PATCH * PATCH)), (vec)(0.f));
+        }
+}
+
 /* Patch statistics, as planes: STAT(c, kind) is the plane of channel c. */
 #define MEAN 0
 #define VARIANCE 1

@@ -159,7 +159,8 @@ class Denoiser:
             raise FrameError("out is read-only: pass an array that can be written")
 
     def _used(self, frame: Frame) -> dict[str, Any]:
-        return {name: plane for name, plane in frame.planes().items() if name == "color" or name in self.method.needs}
+        wanted = ("color", *self.method.needs, *self.method.uses)
+        return {name: plane for name, plane in frame.planes().items() if name in wanted}
 
     def _run_host(self, frame: Frame, out: np.ndarray | None) -> np.ndarray:
         engine = self._engine

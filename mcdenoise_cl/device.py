@@ -44,11 +44,17 @@ class DeviceInfo:
 
 @dataclass(frozen=True)
 class Shape:
-    """How work is cut for a device: floats to a vector, pixels to a work-item's tile of the patch kernels."""
+    """How work is cut for a device.
+
+    Attributes:
+        width: floats to a vector.
+        tile: (columns, rows) of pixels to a work-item of the patch kernels.
+        deep: the same for kernels that keep a value for each offset of the search window.
+    """
 
     width: int
-    columns: int
-    rows: int
+    tile: tuple[int, int]
+    deep: tuple[int, int]
 
 
 def list_devices() -> list[DeviceInfo]:
@@ -95,8 +101,8 @@ def shape_for(device: cl.Device) -> Shape:
     work-item, and its own compiler makes the vectors.
     """
     if device.type & cl.device_type.CPU:
-        return Shape(width=max(4, min(16, device.native_vector_width_float)), columns=64, rows=16)
-    return Shape(width=1, columns=1, rows=4)
+        return Shape(width=max(4, min(16, device.native_vector_width_float)), tile=(64, 16), deep=(32, 8))
+    return Shape(width=1, tile=(1, 4), deep=(1, 1))
 
 
 _contexts: dict[cl.Device, cl.Context] = {}

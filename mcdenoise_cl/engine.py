@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyopencl as cl
@@ -32,11 +32,16 @@ class Planes:
     border: int
     row: int
     plane: int
+    first: int = 0
+
+    def part(self, first: int, channels: int) -> Planes:
+        """Some of the planes, in the same memory."""
+        return replace(self, channels=channels, first=self.first + first)
 
     @property
     def arguments(self) -> tuple:
         """The four arguments that PLANES(p) in common.h stands for."""
-        origin = self.border * self.row + self.border
+        origin = self.first * self.plane + self.border * self.row + self.border
         return self.buffer, np.int32(origin), np.int32(self.row), np.int32(self.plane)
 
 
@@ -68,17 +73,19 @@ class Engine:
             self._kernels[key] = cl.Kernel(built, name)
         return self._kernels[key]
 
-    def tile_defines(self, patch_radius: int) -> dict[str, int]:
-        """The macros that patch.h needs."""
-        return {"COLUMNS": self.shape.columns, "ROWS": self.shape.rows, "PATCH_RADIUS": patch_radius}
+    def tile_defines(self, patch_radius: int, *, deep: bool = False) -> dict[str, int]:
+        """The macros that patch.h needs; `deep` for kernels that keep a value an offset of the search window."""
+        columns, rows = self.shape.deep if deep else self.shape.tile
+        return {"COLUMNS": columns, "ROWS": rows, "PATCH_RADIUS": patch_radius}
 
     def vectors(self, width: int) -> int:
         """How many vectors cover a row."""
         return -(-width // self.shape.width)
 
-    def tiles(self, height: int, width: int) -> tuple[int, int]:
+    def tiles(self, height: int, width: int, *, deep: bool = False) -> tuple[int, int]:
         """The global size that covers an image with tiles."""
-        return -(-width // self.shape.columns), -(-height // self.shape.rows)
+        columns, rows = self.shape.deep if deep else self.shape.tile
+        return -(-width // columns), -(-height // rows)
 
     def memory(self, size: int) -> cl.MemoryObjectHolder:
         """Bytes from the pool, uninitialised.
@@ -134,7 +141,7 @@ class Engine:
                 flat.append(np.float32(argument))
             else:
                 flat.append(argument)
-        local = (1,) * len(size) if single and self.shape.columns > 1 else None
+        local = (1,) * len(size) if single and self.shape.width > 1 else None
         event = kernel(self.queue, size, local, *flat)
         if self.profiling:
             self._events.append((stage, event))

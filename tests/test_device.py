@@ -81,9 +81,10 @@ def test_timing_of_a_real_device(device):
 
 def test_shape_suits_the_device(device):
     shape = shape_for(device)
-    assert shape.columns % shape.width == 0 and shape.columns <= 64 and shape.rows <= 16
+    for columns, rows in (shape.tile, shape.deep):
+        assert columns % shape.width == 0 and columns <= 64 and rows <= 16
     if device.type & cl.device_type.CPU:
-        assert shape.columns > 1
+        assert shape.width > 1
 
 
 def test_without_a_runtime_the_error_says_what_to_install(tmp_path):

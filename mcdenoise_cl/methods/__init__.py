@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import ParameterError
-from . import nlm, ssim_nlm
+from . import nlm, regression, ssim_nlm
 from .parameters import ParameterInfo, describe
 
 
@@ -19,12 +19,14 @@ class Method:
         name: as `method=` and `--method` take it.
         summary: one line.
         needs: planes it cannot do without, besides `color`.
+        uses: planes it makes use of where they are there.
         parameters: names, defaults, ranges and meanings.
     """
 
     name: str
     summary: str
     needs: tuple[str, ...]
+    uses: tuple[str, ...]
     parameters: tuple[ParameterInfo, ...]
     make: type
     run: Callable[..., Any]
@@ -35,11 +37,12 @@ _METHODS = {
         name=module.NAME,
         summary=module.SUMMARY,
         needs=module.NEEDS,
+        uses=module.USES,
         parameters=describe(module.Parameters),
         make=module.Parameters,
         run=module.run,
     )
-    for module in (nlm, ssim_nlm)
+    for module in (nlm, ssim_nlm, regression)
 }
 
 
@@ -48,7 +51,7 @@ def methods() -> list[Method]:
 
     Example:
         >>> [method.name for method in methods()]
-        ['nlm', 'ssim-nlm']
+        ['nlm', 'ssim-nlm', 'regression']
         >>> methods()[0].parameters[0].name, methods()[0].parameters[0].default
         ('search_radius', 3)
     """

@@ -16,6 +16,7 @@ from .result import Result
 NAME = "nlm"
 SUMMARY = "non-local means on the colours alone: the paper's baseline"
 NEEDS: tuple[str, ...] = ()
+USES: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from .result import Result
 NAME = "ssim-nlm"
 SUMMARY = "the paper's method: NLM whose weights are bent by the structural similarity of the normals"
 NEEDS = ("albedo", "normal")
+USES: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pyopencl as cl
 
 from ..engine import Engine, Planes
@@ -21,6 +23,11 @@ def auto_exposure(engine: Engine, color: Planes, key: float = KEY) -> cl.MemoryO
     join = engine.kernel("exposure.cl", "exposure_from_rows")
     engine.launch("exposure", join, (1,), sums, counts, height, float(key), out)
     return out
+
+
+def inverse_geometric_mean(engine: Engine, plane: Planes) -> cl.MemoryObjectHolder:
+    """1 / (geometric mean of the values above 0) of one plane: one float on the device; 1 if there is none."""
+    return auto_exposure(engine, replace(plane, channels=1, plane=0), 1.0)
 
 
 def tonemap(engine: Engine, color: Planes, exposure: cl.MemoryObjectHolder, curve: str = "clip") -> Planes:

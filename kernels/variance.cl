@@ -1,0 +1,69 @@
+/* The variance of the pixel mean, from what there is to tell it; and planes brought to a common scale. */
+#include "common.h"
+
+/* Two independent halves a, b: the variance of their mean is (a - b)^2 / 4, one sample of it a pixel. */
+kernel void variance_from_halves(CONST_PLANES(a), CONST_PLANES(b), int height, int width, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const float d = AT(a, c, y, x) - AT(b, c, y, x);
+    AT(out, c, y, x) = 0.25f * d * d;
+}
+
+/* The image alone: the response to Immerkaer's mask, which is blind to slopes, squared, over the mask's 36. */
+kernel void variance_from_image(CONST_PLANES(in), int height, int width, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const int up = reflect(y - 1, height), down = reflect(y + 1, height);
+    const int left = reflect(x - 1, width), right = reflect(x + 1, width);
+    const float m = AT(in, c, y, x);
+    const float corners = (AT(in, c, up, left) - m) + (AT(in, c, up, right) - m) + (AT(in, c, down, left) - m) +
+                          (AT(in, c, down, right) - m);
+    const float sides = (AT(in, c, up, x) - m) + (AT(in, c, down, x) - m) + (AT(in, c, y, left) - m) +
+                        (AT(in, c, y, right) - m);
+    const float response = corners - 2.f * sides;
+    AT(out, c, y, x) = response * response / 36.f;
+}
+
+/* out = in * factor^power: colours and half buffers in exposed units (power 1), variances (2), and back (-1). */
+kernel void scale(CONST_PLANES(in), int height, int width, global const float *restrict factor, int power, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const float f = factor[0];
+    AT(out, c, y, x) = power == -1 ? AT(in, c, y, x) / f : AT(in, c, y, x) * (power == 2 ? f * f : f);
+}
+
+kernel void clip(CONST_PLANES(in), int height, int width, float low, float high, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    AT(out, c, y, x) = clamp(AT(in, c, y, x), low, high);
+}
+
+/* Depth as a feature in [0, 1): z / (z + scale), scale the geometric mean; its variance by the derivative. */
+kernel void depth_feature(CONST_PLANES(depth), int height, int width, global const float *restrict inverse_scale,
+                          PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    const float z = fmax(AT(depth, 0, y, x), 0.f) * inverse_scale[0];
+    AT(out, 0, y, x) = z / (z + 1.f);
+}
+
+kernel void depth_feature_variance(CONST_PLANES(depth), CONST_PLANES(variance), int height, int width,
+                                   global const float *restrict inverse_scale, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    const float s = inverse_scale[0], z = fmax(AT(depth, 0, y, x), 0.f) * s;
+    const float slope = s / ((z + 1.f) * (z + 1.f)); /* d/dz of z s / (z s + 1) */
+    AT(out, 0, y, x) = AT(variance, 0, y, x) * slope * slope;
+}

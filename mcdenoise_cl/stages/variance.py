@@ -1,0 +1,47 @@
+"""Variances of the pixel mean from what a frame has, and features brought to a common scale."""
+
+from __future__ import annotations
+
+import pyopencl as cl
+
+from ..engine import Engine, Planes
+
+
+def variance_from_halves(engine: Engine, a: Planes, b: Planes) -> Planes:
+    """(a - b)² / 4: an unbiased, noisy estimate of the variance of (a + b) / 2 for independent a and b."""
+    return _map(engine, "variance_from_halves", a, b)
+
+
+def variance_from_image(engine: Engine, image: Planes) -> Planes:
+    """The squared response to Immerkaer's mask over 36: the variance of white noise; texture counts as noise."""
+    return _map(engine, "variance_from_image", image)
+
+
+def scale(engine: Engine, planes: Planes, factor: cl.MemoryObjectHolder, power: int = 1) -> Planes:
+    """planes * factor^power, for power 1, 2 or -1."""
+    return _map(engine, "scale", planes, after=(factor, power))
+
+
+def clip(engine: Engine, planes: Planes, low: float, high: float) -> Planes:
+    """Values limited to [low, high]."""
+    return _map(engine, "clip", planes, after=(float(low), float(high)))
+
+
+def depth_feature(engine: Engine, depth: Planes, inverse_scale: cl.MemoryObjectHolder) -> Planes:
+    """z / (z + scale), in [0, 1); 0 for z <= 0."""
+    return _map(engine, "depth_feature", depth, after=(inverse_scale,))
+
+
+def depth_feature_variance(
+    engine: Engine, depth: Planes, variance: Planes, inverse_scale: cl.MemoryObjectHolder
+) -> Planes:
+    """The variance of `depth_feature`, by its derivative."""
+    return _map(engine, "depth_feature_variance", depth, variance, after=(inverse_scale,))
+
+
+def _map(engine: Engine, name: str, *inputs: Planes, after: tuple = ()) -> Planes:
+    first = inputs[0]
+    out = engine.planes(first.channels, first.height, first.width)
+    size = (first.width, first.height, first.channels)
+    engine.launch("variance", engine.kernel("variance.cl", name), size, *inputs, first.height, first.width, *after, out)
+    return out
