@@ -174,7 +174,7 @@ class Denoiser:
         dtype = np.dtype("f4") if wanted == np.float64 else wanted
         direct = out is not None and out.dtype == dtype and out.flags.c_contiguous
         result = out if direct else np.empty((self.height, self.width, 3), dtype)
-        target = Strided(engine.memory(result.nbytes), dtype, 0, (3 * self.width, 3, 1))
+        target = Strided(engine.memory(result.nbytes), dtype, 3, 0, (3 * self.width, 3, 1))
         leave(engine, color, target)
         cl.enqueue_copy(engine.queue, result, target.buffer, is_blocking=True)
         bad = self._replaced(*self._last[1:])
@@ -215,8 +215,7 @@ class Denoiser:
         bad = engine.zeros(len(PLANES))
         planes = {}
         for i, (name, array) in enumerate(arrays.items()):
-            channels = 1 if array.strides[2] == 0 else 3
-            planes[name] = door(engine, array, channels, self.height, self.width, bad, i)
+            planes[name] = door(engine, array, self.height, self.width, bad, i)
         result = self.method.run(engine, planes, self.parameters)
         self._last = (result, names, bad)
         return result.color

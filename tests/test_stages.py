@@ -27,14 +27,22 @@ def test_door_and_exit_carry_every_dtype(engine, image, dtype):
         image = np.minimum(image, 60000).astype(dtype)
     bad = engine.zeros(1)
     source, alive = door.upload(engine, image)
-    planes = door.door(engine, source, 3, *image.shape[:2], bad)
+    planes = door.door(engine, source, *image.shape[:2], bad)
     np.testing.assert_array_equal(to_array(engine, planes), image.astype("f4"))
     assert scalars(engine, bad, dtype=np.int32)[0] == 0
-    target = door.Strided(engine.memory(alive.nbytes), alive.dtype, 0, (3 * image.shape[1], 3, 1))
+    target = door.Strided(engine.memory(alive.nbytes), alive.dtype, 3, 0, (3 * image.shape[1], 3, 1))
     exit.leave(engine, planes, target)
     back = np.empty_like(alive)
     cl.enqueue_copy(engine.queue, back, target.buffer, is_blocking=True)
     np.testing.assert_array_equal(back, alive)
+
+
+@pytest.mark.parametrize("image", GRAY)
+def test_door_of_one_channel(engine, image):
+    source, _alive = door.upload(engine, image)
+    planes = door.door(engine, source, *image.shape, engine.zeros(1))
+    assert planes.channels == 1
+    np.testing.assert_array_equal(to_array(engine, planes), image)
 
 
 @pytest.mark.parametrize("image", CASES)
@@ -49,7 +57,7 @@ def test_door_fills_pixels_that_are_not_finite(engine, image, share):
     expected, count = oracle.fill_nonfinite(image)
     bad = engine.zeros(3)
     source, _alive = door.upload(engine, image)
-    planes = door.door(engine, source, 3, *image.shape[:2], bad, 1)
+    planes = door.door(engine, source, *image.shape[:2], bad, 1)
     close(to_array(engine, planes), expected)
     assert list(scalars(engine, bad, 3, np.int32)) == [0, count, 0]
 

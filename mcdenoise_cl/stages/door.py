@@ -16,10 +16,11 @@ MACROS = {np.dtype("f2"): "HALF", np.dtype("f4"): None, np.dtype("f8"): "DOUBLE"
 
 @dataclass(frozen=True)
 class Strided:
-    """An interleaved array on the device: buffer, and offset and strides counted in elements."""
+    """An interleaved array on the device, (H, W, channels) or (H, W); offset and strides count elements."""
 
     buffer: cl.MemoryObjectHolder
     dtype: np.dtype
+    channels: int
     offset: int
     strides: tuple[int, int, int]
 
@@ -41,8 +42,9 @@ def type_define(engine: Engine, dtype: np.dtype, prefix: str) -> dict[str, None]
 def strided(array: cl_array.Array) -> Strided:
     """A device array as buffer, offset and strides."""
     size = array.dtype.itemsize
-    strides = [stride // size for stride in array.strides]
-    return Strided(array.base_data, array.dtype, array.offset // size, tuple([*strides, 0][:3]))
+    row, column, *channel = (stride // size for stride in array.strides)
+    channels = array.shape[2] if array.ndim == 3 else 1
+    return Strided(array.base_data, array.dtype, channels, array.offset // size, (row, column, *(channel or [0])))
 
 
 def upload(engine: Engine, array: np.ndarray) -> tuple[Strided, np.ndarray]:
@@ -55,13 +57,12 @@ def upload(engine: Engine, array: np.ndarray) -> tuple[Strided, np.ndarray]:
     buffer = engine.memory(host.nbytes)
     cl.enqueue_copy(engine.queue, buffer, host, is_blocking=False)
     channels = host.shape[2] if host.ndim == 3 else 1
-    return Strided(buffer, host.dtype, 0, (host.shape[1] * channels, channels, 1)), host
+    return Strided(buffer, host.dtype, channels, 0, (host.shape[1] * channels, channels, 1)), host
 
 
 def door(
     engine: Engine,
     array: Strided,
-    channels: int,
     height: int,
     width: int,
     bad: cl.MemoryObjectHolder,
@@ -70,12 +71,13 @@ def door(
     """Interleaved to planar float32; a pixel that is not finite becomes the mean of its nearest finite pixels.
 
     Args:
-        array: (H, W, channels) or (H, W), float16, float32 or float64.
+        array: of float16, float32 or float64.
         bad: int32 counters on the device; the number of replaced pixels is added to number `slot`.
 
     Returns:
         Planes (channels, H, W).
     """
+    channels = array.channels
     out = engine.planes(channels, height, width)
     kernel = engine.kernel("door.cl", "door", **type_define(engine, array.dtype, "SOURCE"))
     engine.launch("door", kernel, (width, height), array.buffer, *array.layout, channels, height, width, out, bad, slot)
