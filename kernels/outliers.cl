@@ -64,7 +64,8 @@ kernel void add_in_proportion(CONST_PLANES(image), CONST_PLANES(removed), CONST_
     if (x >= width || y >= height)
         return;
     const float mean = (AT(removed, 0, y, x) + AT(removed, 1, y, x) + AT(removed, 2, y, x)) / 3.f;
-    const float gain = 1.f + 0.5f * mean / fmax(AT(gray, 0, y, x), 1e-9f);
+    /* at most half as much again, whatever a fit has left of the surroundings */
+    const float gain = 1.f + 0.5f * mean / fmax(fmax(AT(gray, 0, y, x), mean), 1e-9f);
     for (int c = 0; c < 3; c++)
         AT(out, c, y, x) = AT(image, c, y, x) * gain;
 }

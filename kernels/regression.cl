@@ -115,7 +115,9 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance),
                 vec sum = (vec)(0.f);
                 for (int a = 0; a < TERMS; a++)
                     sum += z[a] * rhs[a][k];
-                STORE(sum, out + INDEX(out, k, y + r, x + v * WIDTH));
+                /* A fit may overshoot below 0, where light cannot be; only a negative pixel may stay so. */
+                const vec least = fmin(LOAD(c + k * color_plane), (vec)(0.f));
+                STORE(fmax(sum, least), out + INDEX(out, k, y + r, x + v * WIDTH));
             }
         }
 }

@@ -45,7 +45,7 @@ class Parameters:
     search_radius: int = parameter(7, "the fit uses (2 r + 1)² pixels", low=0, high=10)
     patch_radius: int = parameter(2, "patches are (2 r + 1)² pixels", low=0, high=8)
     bandwidth: float = parameter(0.7, "how far colours may differ, in units of their noise", low=1e-3)
-    ridge: float = parameter(0.03, "regularisation of every term, relative to its spread", low=0.0)
+    ridge: float = parameter(0.03, "regularisation of every term, relative to its spread", low=1e-5)
     noise_ridge: float = parameter(10.0, "regularisation by the noise that a feature still has", low=0.0)
     position_ridge: float = parameter(0.1, "regularisation of the slope that no feature explains", low=0.0)
     outliers: bool = parameter(True, "scale fireflies down to their neighbours and spread what was removed")

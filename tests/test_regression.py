@@ -1,0 +1,223 @@
+"""Regression and what stands around it, on the device against the equations in float64."""
+
+import inputs
+import numpy as np
+import oracle
+import oracle_regression as theory
+import pytest
+from test_stages import close
+from transfer import scalars, to_array, to_planes
+
+from mcdenoise_cl import Frame, denoise
+from mcdenoise_cl.stages import outliers, variance
+from mcdenoise_cl.stages.exposure import inverse_geometric_mean
+from mcdenoise_cl.stages.pad import pad, stack
+from mcdenoise_cl.stages.prefilter import prefilter
+from mcdenoise_cl.stages.regression import first_order_regression
+
+CASES = [pytest.param(image, id=name) for name, image in inputs.images(3)]
+SMALL = [pytest.param(image, id=name) for name, image in inputs.images(3) if image.shape[0] < 30]
+SIZES = [(1, 1), (1, 9), (7, 1), (3, 2), (13, 17), (24, 40)]
+RIDGES = {"ridge": 0.03, "noise_ridge": 10.0, "position_ridge": 0.1}
+
+
+def noise(image, seed=1):
+    """A variance that varies, of the order of the image's own."""
+    rng = np.random.default_rng(seed)
+    return (0.02 * (0.5 + rng.random(image.shape)) * (image**2 + 0.05)).astype(np.float32)
+
+
+@pytest.mark.parametrize("image", CASES)
+@pytest.mark.parametrize("limit", [1.0, 2.5])
+def test_outliers(engine, image, limit):
+    image = image - 0.1
+    expected, factor = theory.outliers(image, limit)
+    color, spread = to_planes(engine, image), to_planes(engine, noise(image))
+    removed = outliers.scale_outliers(engine, color, spread, limit)
+    close(to_array(engine, color), expected)
+    close(to_array(engine, removed), image - expected, scale=np.abs(image).max())
+    close(to_array(engine, spread), noise(image) * factor[..., None] ** 2)
+
+
+@pytest.mark.parametrize("image", SMALL)
+@pytest.mark.parametrize("radius", [1, 5, 50])
+def test_spread_removed(engine, image, radius):
+    rng = np.random.default_rng(2)
+    removed = (image * (rng.random(image.shape[:2]) < 0.05)[..., None]).astype(np.float32)
+    out = outliers.spread_removed(engine, to_planes(engine, image), to_planes(engine, removed), radius)
+    close(to_array(engine, out), theory.spread_removed(image, removed, radius))
+
+
+def test_the_energy_of_a_firefly_is_kept(engine):
+    image = np.full((80, 80, 3), 0.5, np.float32)
+    image[40, 40] = 20.0
+    color, spread = to_planes(engine, image), to_planes(engine, np.zeros_like(image))
+    removed = outliers.scale_outliers(engine, color, spread, 1.0)
+    out = to_array(engine, outliers.spread_removed(engine, color, removed, 8))
+    assert out.sum() == pytest.approx(image.sum(), rel=1e-3)
+    assert out.max() < 0.7
+
+
+@pytest.mark.parametrize("image", CASES)
+def test_variances_and_maps(engine, image):
+    other = np.roll(image, 1, 1) + np.float32(0.01)
+    planes = to_planes(engine, image)
+    halves = variance.variance_from_halves(engine, planes, to_planes(engine, other))
+    close(to_array(engine, halves), theory.variance_from_halves(image, other))
+    # On one row or column the mask cancels exactly; in float32, to the rounding of the image.
+    scale = (np.abs(image).max()) ** 2
+    close(to_array(engine, variance.variance_from_image(engine, planes)), theory.variance_from_image(image), scale)
+    factor = engine.constant([0.7])
+    for power in (1, 2, -1):
+        close(to_array(engine, variance.scale(engine, planes, factor, power)), image * 0.7**power)
+    close(to_array(engine, variance.clip(engine, planes, 0.1, 0.6)), np.clip(image, 0.1, 0.6))
+
+
+@pytest.mark.parametrize(("height", "width"), inputs.SIZES)
+@pytest.mark.parametrize("kind", inputs.KINDS)
+def test_depth_feature(engine, kind, height, width):
+    depth = inputs.planes(kind, height, width) * 100
+    depth.flat[::3] = 0.0
+    spread = noise(depth)
+    planes = to_planes(engine, depth)
+    scale = inverse_geometric_mean(engine, planes)
+    positive = depth[depth > 0].astype(np.float64)
+    expected = np.exp(-np.log(positive).mean()) if positive.size else 1.0
+    assert scalars(engine, scale)[0] == pytest.approx(expected, rel=1e-5)
+    feature, left = theory.depth_feature(depth, spread)
+    close(to_array(engine, variance.depth_feature(engine, planes, scale)), feature, scale=1.0)
+    got = variance.depth_feature_variance(engine, planes, to_planes(engine, spread), scale)
+    close(to_array(engine, got), left)
+
+
+@pytest.mark.parametrize(("height", "width"), SIZES)
+@pytest.mark.parametrize("channels", [None, 3])
+def test_prefilter(engine, height, width, channels):
+    scene = inputs.features(height, width, seed=2)
+    feature = scene["normal"] if channels else scene["depth"]
+    spread = np.full_like(feature, 0.003) * (1 + np.random.default_rng(0).random(feature.shape).astype("f4"))
+    out, left = prefilter(engine, to_planes(engine, feature), to_planes(engine, spread))
+    expected, expected_left = theory.prefilter(feature, spread)
+    close(to_array(engine, out), expected, tolerance=2e-5)
+    close(to_array(engine, left), expected_left, tolerance=2e-5)
+
+
+@pytest.mark.parametrize(("height", "width"), SIZES)
+@pytest.mark.parametrize("kind", inputs.KINDS)
+@pytest.mark.parametrize(("search", "patch", "names"), [(2, 1, ("albedo", "normal")), (4, 2, ("normal",)), (3, 0, ())])
+def test_first_order_regression(engine, kind, height, width, search, patch, names):
+    color = np.minimum(inputs.planes(kind, height, width, 3), 20)
+    spread = noise(color)
+    scene = inputs.features(height, width, seed=3)
+    features = left = None
+    planes = None
+    if names:
+        features = np.concatenate([scene[name] for name in names], axis=-1)
+        left = 0.01 * np.abs(features)
+        planes = (
+            stack(engine, [to_planes(engine, scene[name]) for name in names], search),
+            stack(engine, [to_planes(engine, 0.01 * np.abs(scene[name])) for name in names], 0),
+        )
+    border = search + patch
+    windows = {"search_radius": search, "patch_radius": patch}
+    padded = pad(engine, to_planes(engine, color), border)
+    padded_spread = pad(engine, to_planes(engine, spread), border)
+    out = first_order_regression(engine, padded, padded_spread, planes, padded, **windows, bandwidth=0.8, **RIDGES)
+    expected = theory.first_order_regression(color, spread, features, left, color, **windows, k=0.8, **RIDGES)
+    # The normal equations are solved in float32; their condition multiplies its rounding.
+    close(to_array(engine, out), expected, tolerance=1e-4)
+
+
+def test_a_linear_function_of_the_features_is_reproduced(engine):
+    """What an average cannot do: colour that is a ramp in the albedo comes out as it is, noise or not."""
+    rng = np.random.default_rng(0)
+    albedo = rng.random((30, 40, 3)).astype(np.float32)
+    color = (0.2 + albedo @ np.float32([[1, 0, 0.2], [0.5, 1, 0], [0, 0.3, 1]])).astype(np.float32)
+    spread = np.full_like(color, 0.2)
+    planes = stack(engine, [to_planes(engine, albedo)], 4), stack(engine, [to_planes(engine, 0 * albedo)], 0)
+    padded, padded_spread = (pad(engine, to_planes(engine, image), 6) for image in (color, spread))
+    tiny = {"ridge": 1e-4, "noise_ridge": 0.0, "position_ridge": 0.1}
+    windows = {"search_radius": 4, "patch_radius": 2}
+    out = to_array(
+        engine, first_order_regression(engine, padded, padded_spread, planes, padded, **windows, bandwidth=1.0, **tiny)
+    )
+    assert np.abs(out - color).max() < 2e-3
+    assert np.abs(oracle.box_mean(color, 4) - color).max() > 0.3
+
+
+PARAMETERS = {"search_radius": 3, "patch_radius": 1, "bandwidth": 0.8, **RIDGES, "spread_radius": 6}
+FULL = ("albedo", "normal", "depth", "albedo_variance", "normal_variance", "depth_variance", "color_variance")
+
+
+def full_scene(height, width):
+    scene = inputs.features(height, width, seed=4)
+    rng = np.random.default_rng(4)
+    for name in ("color", "albedo", "normal", "depth"):
+        plane = scene[name]
+        size = 0.02 * plane**2 + 0.002 if name == "color" else np.full_like(plane, 4e-4)
+        scene[f"{name}_variance"] = (size * (0.7 + 0.6 * rng.random(plane.shape))).astype(np.float32)
+    delta = (0.1 * scene["color"] * rng.standard_normal(scene["color"].shape)).astype(np.float32)
+    scene["color_a"], scene["color_b"] = scene["color"] + delta, scene["color"] - delta
+    return scene
+
+
+@pytest.mark.parametrize(("height", "width"), SIZES)
+@pytest.mark.parametrize(
+    "names",
+    [FULL, FULL[:3], ("color_a", "color_b"), ("albedo", "color_a", "color_b"), ("depth", "depth_variance"), ()],
+    ids=lambda names: "+".join(names) or "color alone",
+)
+def test_whole_method(height, width, names):
+    scene = full_scene(height, width)
+    planes = {name: scene[name] for name in names}
+    options = {**PARAMETERS}
+    options["k"] = options.pop("bandwidth")
+    expected = theory.denoise_regression(scene["color"], **planes, **options)
+    close(denoise(scene["color"], **planes, method="regression", **PARAMETERS), expected, tolerance=2e-4)
+
+
+def test_without_outlier_handling():
+    scene = full_scene(24, 40)
+    options = {**PARAMETERS}
+    options["k"] = options.pop("bandwidth")
+    color = scene["color"]
+    expected = theory.denoise_regression(color, color_variance=scene["color_variance"], **options, outlier_limit=None)
+    given = {"color_variance": scene["color_variance"], "method": "regression"}
+    close(denoise(color, **given, **PARAMETERS, outliers=False), expected, tolerance=2e-4)
+
+
+def test_every_plane_brings_the_result_closer_to_the_truth():
+    truth = inputs.features(96, 128, noise=0.0)["color"]
+    scene = inputs.features(96, 128)
+
+    def error(image):
+        return np.mean((image - truth) ** 2 / (truth**2 + 0.01))
+
+    alone = error(denoise(scene["color"], method="regression"))
+    with_features = error(denoise(Frame(**scene), method="regression"))
+    assert with_features < 0.5 * alone < 0.25 * error(scene["color"])
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_exposure_does_not_matter(scale):
+    scene = full_scene(24, 40)
+    names = ("albedo", "normal", "depth", "albedo_variance", "normal_variance", "depth_variance")
+    features = {name: scene[name] for name in names}
+    scale = np.float32(scale)
+    once = denoise(scene["color"], **features, color_variance=scene["color_variance"], method="regression")
+    scaled = denoise(
+        scene["color"] * scale, **features, color_variance=scene["color_variance"] * scale**2, method="regression"
+    )
+    close(scaled / scale, once, tolerance=1e-4)
+
+
+def test_a_converged_frame_is_left_alone():
+    """Noise at 1e-4 of the image's level: nothing may be lost to a filter."""
+    truth = inputs.features(64, 96, noise=0.0)
+    rng = np.random.default_rng(1)
+    sigma = 1e-4 * truth["color"]
+    color = (truth["color"] + sigma * rng.standard_normal(sigma.shape)).astype(np.float32)
+    planes = {name: truth[name] for name in ("albedo", "normal", "depth")}
+    clean = denoise(color, **planes, color_variance=sigma**2, method="regression", outliers=False)
+    before, after = (np.mean((image - truth["color"]) ** 2) for image in (color, clean))
+    assert after <= before
