@@ -278,7 +278,8 @@ def denoise(
             the host.
         albedo, normal, depth, color_variance, albedo_variance, normal_variance, depth_variance, color_a, color_b:
             further planes of the frame where `frame_or_color` is an array; see `Frame`.
-        method: a name of `methods()`; None: `ssim-nlm` where albedo and normal are there, else `nlm`.
+        method: a name of `methods()`; None: `regression` where more than the colour is there,
+            else `nlm`.
         device: index, part of a name, or `pyopencl.Device`, for NumPy input; None: the default device.
         out: an array of the same shape and side to write the result to.
         **parameters: the method's, by name: see `methods()`.

@@ -85,18 +85,19 @@ def test_a_frame_with_holes():
     planes["color"][20:30, 40:50, 1] = np.inf
     color = planes.pop("color")
     expected = oracle.denoise_ssim_nlm(color, **planes, **defaults("ssim-nlm"))
-    close_in_both_domains(denoise(color, **planes), expected)
+    close_in_both_domains(denoise(color, **planes, method="ssim-nlm"), expected)
 
 
 def test_denoising_brings_a_noisy_image_closer_to_the_truth():
     noisy, truth = inputs.features(96, 128), inputs.features(96, 128, noise=0.0)["color"]
     errors = {}
-    for method in ("nlm", "ssim-nlm"):
+    for method in ("nlm", "ssim-nlm", "regression"):
         clean = denoise(noisy["color"], albedo=noisy["albedo"], normal=noisy["normal"], method=method)
         errors[method] = np.mean((clean - truth) ** 2 / (truth**2 + 0.01))
     before = np.mean((noisy["color"] - truth) ** 2 / (truth**2 + 0.01))
     assert errors["nlm"] < 0.5 * before
     assert errors["ssim-nlm"] < errors["nlm"]
+    assert errors["regression"] < errors["nlm"]
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
@@ -127,8 +128,9 @@ def test_negative_colors_survive():
 
 
 def test_defaults_follow_the_planes():
-    assert default_method({"color": 1, "albedo": 1, "normal": 1}) == "ssim-nlm"
-    assert default_method({"color": 1, "albedo": 1}) == "nlm"
+    assert default_method({"color": 1, "albedo": 1, "normal": 1}) == "regression"
+    assert default_method({"color": 1, "color_variance": 1}) == "regression"
+    assert default_method({"color": 1}) == "nlm"
 
 
 def test_every_parameter_explains_itself():
@@ -177,5 +179,5 @@ def test_parsing_of_the_command_line():
 
 
 def test_unknown_method():
-    with pytest.raises(ParameterError, match="'bm3d' but one of nlm, ssim-nlm"):
+    with pytest.raises(ParameterError, match="'bm3d' but one of nlm, ssim-nlm, regression"):
         get_method("bm3d")
