@@ -1,0 +1,330 @@
+"""The command `mcdenoise`: arguments in, calls of the other modules out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+from . import __version__, methods
+from .choose import pick_device
+from .console import (
+    Progress,
+    note_missing_metrics,
+    print_devices,
+    print_methods,
+    print_scores,
+    say,
+    sentence,
+    show_traceback,
+    tell_outcome,
+    tell_outcomes,
+)
+from .device import list_devices
+from .errors import DeviceError, FrameError, ParameterError
+from .frame import PLANES, Frame
+from .methods.parameters import ParameterInfo, parse
+
+# batch, demo, exr, metrics, render and report are imported by the commands that use them: they take their time.
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code. Every failure is one sentence on stderr."""
+    state = {"debug": False}
+    try:
+        return mcdenoise.main(arguments, prog_name="mcdenoise", standalone_mode=False, obj=state) or 0
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "mcdenoise"
+        failure, text, code = error, f"{error.format_message().rstrip('.')}; see {command} --help", 2
+    except click.Abort as error:  # what click makes of Ctrl-C
+        failure, text, code = error, "interrupted: files already finished are whole, no other was touched", 130
+    except Exception as error:
+        failure, text, code = error, sentence(error), 2 if isinstance(error, ParameterError) else 1
+    if state["debug"]:
+        show_traceback(failure)
+    say(f"mcdenoise: {text}")
+    return code
+
+
+def _debug(context: click.Context, _: click.Parameter, value: bool) -> None:
+    if value:
+        context.find_root().obj["debug"] = True
+
+
+# Taken before and after the command's name: whoever runs a command again appends it.
+debug_option = click.option(
+    "--debug", is_flag=True, expose_value=False, is_eager=True, callback=_debug, help="Show the traceback of an error."
+)
+device_option = click.option(
+    "--device",
+    metavar="D",
+    help="Index or part of a name, as `mcdenoise devices` lists them (or set MCDENOISE_DEVICE).",
+)
+force_option = click.option("--force", is_flag=True, help="Replace existing output files; inputs are never replaced.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+COUNT = click.IntRange(min=1)
+PATH = click.Path(path_type=Path)
+
+
+@click.group(
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted.",
+)
+@click.version_option(__version__, message="%(prog)s %(version)s")
+@debug_option
+@click.pass_context
+def mcdenoise(context: click.Context) -> None:
+    """Denoise Monte Carlo renderings on any OpenCL device."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+@mcdenoise.command()
+@click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
+@click.option(
+    "-o", "--output", required=True, metavar="PATH", help="File to write; of several inputs or a folder: folder."
+)
+@click.option(
+    "--method",
+    type=click.Choice([method.name for method in methods()]),
+    help="See `mcdenoise methods`; default: the best for the planes that are found.",
+)
+@click.option("--set", "pairs", multiple=True, metavar="NAME=VALUE", help="A parameter: see `mcdenoise methods`.")
+@click.option(
+    "--layer",
+    "layers",
+    multiple=True,
+    metavar="PLANE=NAME",
+    help=f"The layer of a plane, where it is not recognised; none leaves the plane out. Planes: {', '.join(PLANES)}.",
+)
+@click.option("--samples", type=COUNT, metavar="N", help="Samples per pixel, where the file does not tell.")
+@device_option
+@force_option
+@debug_option
+@click.pass_context
+def denoise(
+    context: click.Context,
+    inputs: tuple[str, ...],
+    output: str,
+    method: str | None,
+    pairs: tuple[str, ...],
+    layers: tuple[str, ...],
+    samples: int | None,
+    device: str | None,
+    force: bool,
+) -> int:
+    """Denoise EXR files, or every *.exr directly in a folder.
+
+    Only the colour is replaced: the outputs keep every other layer of the inputs. An existing output is refused (one
+    file) or skipped (several) without --force.
+
+    \b
+    mcdenoise denoise noisy.exr -o clean.exr
+    mcdenoise denoise frames/ -o clean/ --method nlm --set h_factor=1.2
+    """
+    from . import batch
+
+    options = {"method": method, "layers": _layers(layers), "samples_per_pixel": samples, "overwrite": force}
+    options |= _parameters(method, pairs) | {"device": _device(device)}
+    is_folder = Path(inputs[0]).is_dir()
+    if len(inputs) > 1 and any(Path(name).is_dir() for name in inputs):
+        raise _usage("there is a folder among several inputs, but one folder or several files are needed")
+    if len(inputs) == 1 and not is_folder and not Path(output).is_dir() and not output.endswith(("/", os.sep)):
+        tell_outcome(batch.denoise_file(inputs[0], output, **options), automatic=method is None)
+        return 0
+    sources = batch.find_exrs(inputs[0]) if is_folder else inputs
+    done: list[batch.Outcome] = []
+    with Progress() as progress:
+
+        def show(outcome: batch.Outcome) -> None:
+            done.append(outcome)
+            progress.show(f"denoising into {output}", len(done), len(sources))
+
+        batch.denoise_files(sources, output, **options, on_progress=show)
+    return 0 if tell_outcomes(done, context.obj["debug"]) else 1
+
+
+@mcdenoise.command()
+@json_option
+@debug_option
+def devices(as_json: bool) -> None:
+    """List the OpenCL devices.
+
+    The one that is used when --device is not given is marked with *.
+    """
+    found = list_devices()
+    try:
+        default, wrong = pick_device(), None
+    except DeviceError as error:  # such as a MCDENOISE_DEVICE that is none of these: the list shows what it could be
+        default, wrong = None, error
+    print_devices(found, default, as_json)
+    if wrong is not None:
+        raise wrong
+
+
+@mcdenoise.command("methods")
+@json_option
+@debug_option
+def list_methods(as_json: bool) -> None:
+    """List the methods and their parameters.
+
+    A parameter is shown as NAME=DEFAULT, the way --set takes it, with its range and its meaning.
+    """
+    print_methods(methods(), as_json)
+
+
+@mcdenoise.command()
+@click.argument("scene", required=False)
+@click.option("-o", "--output", type=PATH, metavar="FILE", help="EXR file to write.")
+@click.option("--spp", type=COUNT, metavar="N", help="Samples per pixel.")
+@click.option("--width", type=COUNT, metavar="W", help="In pixels; default: the scene's, or by the height.")
+@click.option("--height", type=COUNT, metavar="H", help="In pixels; default: the scene's, or by the width.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the random numbers.")
+@click.option("--halves", is_flag=True, help="Also two independent images of half the samples each.")
+@click.option("--variant", metavar="V", help="Mitsuba variant; default: the fastest that runs here.")
+@click.option("--list", "only_list", is_flag=True, help="List the scenes that come with mcdenoise.")
+@force_option
+@debug_option
+def render(
+    scene: str | None, output: Path | None, spp: int | None, only_list: bool, force: bool, **options: Any
+) -> None:
+    """Render a scene with Mitsuba into one EXR file.
+
+    SCENE is a Mitsuba 3 XML file or the name of one of ours (--list). The file holds all that denoising needs: colour,
+    albedo, normal, depth, and their variances.
+    """
+    from . import batch, exr
+    from .render import render, scene_names
+
+    if only_list:
+        click.echo("\n".join(scene_names()))
+        return
+    for value, name in ((scene, "SCENE"), (output, "-o FILE"), (spp, "--spp N")):
+        if value is None:
+            raise _usage(f"{name} is missing")
+    batch.check_target(output, force)
+    with Progress() as progress:
+        frame = render(scene, spp=spp, **options, on_progress=partial(progress.show, f"rendering {scene}"))
+    exr.write_exr(output, frame)
+    height, width = frame.shape
+    say(f"{output}: {width} x {height}, {spp} samples per pixel, {', '.join(frame.planes())}")
+
+
+@mcdenoise.command()
+@click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
+@click.option("--reference", required=True, metavar="FILE", help="The EXR file to compare with.")
+@click.option("--exposure", type=float, metavar="X", help="Factor for display; default: the reference's, or automatic.")
+@json_option
+@debug_option
+def compare(images: tuple[str, ...], reference: str, exposure: float | None, as_json: bool) -> None:
+    """Score EXR files against a reference.
+
+    PSNR, MSE, SSIM and FLIP look at the tonemapped pictures, relMSE at the linear values.
+    In JSON null stands for a metric that is not available, and for the infinite PSNR of equal images.
+    """
+    from . import batch, exr, metrics, report
+
+    def read(path: str) -> Frame:
+        with batch.hushed():
+            return exr.read_exr(path)
+
+    truth, scores = read(reference), {}
+    for image in images:
+        try:
+            scores[image] = metrics.compare(read(image).color, truth, exposure)
+        except FrameError as error:
+            raise FrameError(f"{image} against {reference}: {error}") from error
+    if as_json:
+        print_scores(scores)
+    else:
+        click.echo(report.scores_table(scores))
+    note_missing_metrics()
+
+
+@mcdenoise.command()
+@click.option("--out", "folder", type=PATH, default="mcdenoise-demo", show_default=True, help="Folder for everything.")
+@click.option("--scene", default="room", show_default=True, help="See `mcdenoise render --list`.")
+@click.option("--spp", type=COUNT, default=16, show_default=True, metavar="N", help="Samples per pixel to denoise.")
+@click.option(
+    "--reference-spp", type=COUNT, metavar="N", help="Those of the reference; default: about a minute of them."
+)
+@click.option("--width", type=COUNT, metavar="W", help="In pixels; default: what this machine renders in time.")
+@click.option("--height", type=COUNT, metavar="H", help="In pixels; default: by the width.")
+@device_option
+@debug_option
+def demo(folder: Path, device: str | None, **options: Any) -> None:
+    """Render a scene, denoise it, look at it.
+
+    Takes two minutes: the scene is rendered with few samples and, as a reference, with many; every method denoises the
+    first; frames, pictures and a report with scores and times are left in a folder. The files of an earlier demo in
+    that folder are replaced, nothing else in it is touched.
+    """
+    from .demo import run_demo
+
+    chosen = _device(device)
+    with Progress() as progress:
+        result = run_demo(folder, **options, device=chosen, on_progress=progress.show)
+    click.echo(result.table)
+    note_missing_metrics()
+    say(f"Denoised on {result.device}. Look at the pictures in {result.report}.")
+
+
+def _usage(message: str) -> click.UsageError:
+    return click.UsageError(message, click.get_current_context())
+
+
+def _device(choice: str | None) -> Any:
+    """The device, before any work is done. A wrong --device is wrong usage; to have no device at all is not."""
+    known = list_devices()
+    try:
+        return pick_device(choice).device
+    except DeviceError as error:
+        if choice is None or not known:
+            raise
+        raise _usage(str(error)) from error
+
+
+def _parameters(method: str | None, pairs: Sequence[str]) -> dict[str, Any]:
+    """Values by name from NAME=VALUE; without a method, a value must suit any that knows its name."""
+    known: dict[str, list[ParameterInfo]] = {}
+    for candidate in methods():
+        if method in (None, candidate.name):
+            for info in candidate.parameters:
+                known.setdefault(info.name, []).append(info)
+    values = {}
+    for name, text in _split("--set", "NAME=VALUE", pairs):
+        if name not in known:
+            owner = f"method {method} has" if method else "the methods have"
+            raise _usage(f"--set has {name!r}, but {owner} the parameters {', '.join(known)}")
+        values[name] = _value(known[name], text)
+    return values
+
+
+def _value(candidates: Sequence[ParameterInfo], text: str) -> Any:
+    errors = []
+    for info in candidates:
+        try:
+            return parse(info, text)
+        except ParameterError as error:
+            errors.append(error)
+    raise errors[0]
+
+
+def _layers(pairs: Sequence[str]) -> dict[str, str]:
+    layers = dict(_split("--layer", "PLANE=NAME", pairs))
+    for plane in layers:
+        if plane not in PLANES:
+            raise _usage(f"--layer has {plane!r}, but the planes are {', '.join(PLANES)}")
+    return layers
+
+
+def _split(option: str, form: str, pairs: Sequence[str]) -> list[tuple[str, str]]:
+    for pair in pairs:
+        if "=" not in pair:
+            raise _usage(f"{option} is {pair!r}, but {form} is needed")
+    return [(name.strip(), text) for name, _, text in (pair.partition("=") for pair in pairs)]
