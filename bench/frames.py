@@ -7,6 +7,7 @@ frames are kept in a cache folder, so that only the first run pays for them.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,6 +41,8 @@ def chosen_cases(options: argparse.Namespace) -> Iterator[Case]:
     """The frames that `add_arguments` asked for."""
     if options.frames.is_dir():
         return folder_cases(options.frames, tuple(options.spp))
+    if options.frames != BESIDE:
+        raise SystemExit(f"{options.frames} is not a folder: give one, or leave --frames out to render scenes")
     return rendered_cases(options.cache, tuple(options.spp) or (4, 32, 128), 4096, 640, 360)
 
 
@@ -59,9 +62,8 @@ def rendered_cases(
     cache: Path, spp: tuple[int, ...], reference_spp: int, width: int, height: int, seed: int = 0
 ) -> Iterator[Case]:
     """Our own scenes, rendered once into `cache`."""
-    from mcdenoise_cl.render import render, scene_names
-
     from mcdenoise_cl.metrics import frame_exposure
+    from mcdenoise_cl.render import render, scene_names
 
     for scene in scene_names():
         folder = cache / f"{width}x{height}" / scene
@@ -70,7 +72,7 @@ def rendered_cases(
         wanted[folder / "reference.exr"] = (reference_spp, seed + 2)
         for path, (samples, number) in wanted.items():
             if not path.exists():
-                print(f"rendering {path.name} of {scene}, {samples} samples per pixel", flush=True)
+                print(f"rendering {path.name} of {scene}, {samples} samples per pixel", file=sys.stderr, flush=True)
                 write_exr(path, render(scene, spp=samples, width=width, height=height, seed=number, halves=True))
         reference = read_exr(folder / "reference.exr")
         for n in spp:

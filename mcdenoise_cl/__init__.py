@@ -2,6 +2,7 @@
 
 from .api import Denoiser, Report, denoise
 from .errors import DeviceError, ExrError, FrameError, McdenoiseError, ParameterError, RenderError
+from .exr import read_exr, write_exr
 from .frame import Frame
 from .methods import methods
 
@@ -19,4 +20,6 @@ __all__ = [
     "Report",
     "denoise",
     "methods",
+    "read_exr",
+    "write_exr",
 ]
