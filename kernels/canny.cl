@@ -48,13 +48,23 @@ kernel void sobel(CONST_PLANES(in), int height, int width, PLANES(out))
                        (AT(in, 0, down, right) - AT(in, 0, up, right));
 }
 
-/* 256 bins of the image in [0, 1]; integer counts, so that the order of the work-items does not matter. */
+#define BINS 256
+
+/* A histogram of the image in [0, 1], a row a work-item; integer counts, so that the order of the rows does not
+ * matter. */
 kernel void histogram(CONST_PLANES(in), int height, int width, volatile global int *restrict bins)
 {
-    const int x = get_global_id(0), y = get_global_id(1);
-    if (x >= width || y >= height)
+    const int y = get_global_id(0);
+    if (y >= height)
         return;
-    atomic_inc(bins + min((int)(clamp(AT(in, 0, y, x), 0.f, 1.f) * 256.f), 255));
+    int count[BINS];
+    for (int i = 0; i < BINS; i++)
+        count[i] = 0;
+    for (int x = 0; x < width; x++)
+        count[min((int)(clamp(AT(in, 0, y, x), 0.f, 1.f) * BINS), BINS - 1)]++;
+    for (int i = 0; i < BINS; i++)
+        if (count[i] > 0)
+            atomic_add(bins + i, count[i]);
 }
 
 /* The rule of thumb of one third below and above the median, for each threshold that is negative: not given. */
@@ -62,9 +72,9 @@ kernel void thresholds_from_median(global const int *restrict bins, int pixels, 
                                    global float *restrict thresholds)
 {
     int bin = 0, below = bins[0];
-    while (bin < 255 && 2l * below < pixels)
+    while (bin < BINS - 1 && 2l * below < pixels)
         below += bins[++bin];
-    const float median = (bin + 0.5f) / 256.f;
+    const float median = (bin + 0.5f) / BINS;
     thresholds[0] = low < 0.f ? 0.67f * median : low;
     thresholds[1] = high < 0.f ? 1.33f * median : high;
 }
@@ -79,8 +89,8 @@ inline float strength(CONST_PLANES(gradient), int y, int x, int height, int widt
 }
 #define STRENGTH(y, x) strength(gradient, gradient_origin, gradient_row, gradient_plane, y, x, height, width)
 
-/* Non-maximum suppression in four sectors and the two thresholds: root = own index for a weak or strong edge,
- * flag = 1 for a strong one. */
+/* Non-maximum suppression in four sectors and the two thresholds: flag = 0 for a weak or strong edge, else NO_EDGE;
+ * every pixel its own root. */
 kernel void suppress(CONST_PLANES(gradient), int height, int width, global const float *restrict thresholds,
                      global int *restrict root, global int *restrict strong, global int *restrict flag)
 {
@@ -99,9 +109,9 @@ kernel void suppress(CONST_PLANES(gradient), int height, int width, global const
         peak = m > STRENGTH(y - 1, x - s) && m > STRENGTH(y + 1, x + s);
     }
     const int i = y * width + x;
-    root[i] = peak && m > thresholds[0] * thresholds[0] ? i : NO_EDGE;
+    root[i] = i;
+    flag[i] = peak && m > thresholds[0] * thresholds[0] ? 0 : NO_EDGE;
     strong[i] = peak && m > thresholds[1] * thresholds[1];
-    flag[i] = 0;
 }
 
 /* Reads are atomic because other work-items write the same words. */
@@ -131,13 +141,13 @@ inline void unite(volatile global int *root, int a, int b)
     }
 }
 
-kernel void link(int height, int width, volatile global int *restrict root)
+kernel void link(int height, int width, volatile global int *restrict root, global const int *restrict flag)
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
     const int i = y * width + x;
-    if (atomic_add(root + i, 0) == NO_EDGE)
+    if (flag[i] == NO_EDGE)
         return;
     /* the four neighbours that come before; the other four do the same for this one */
     const int before[4][2] = {{-1, 0}, {-1, -1}, {0, -1}, {1, -1}};
@@ -145,7 +155,7 @@ kernel void link(int height, int width, volatile global int *restrict root)
         const int u = x + before[k][0], v = y + before[k][1];
         if (u < 0 || u >= width || v < 0)
             continue;
-        if (atomic_add(root + v * width + u, 0) != NO_EDGE)
+        if (flag[v * width + u] != NO_EDGE)
             unite(root, i, v * width + u);
     }
 }
@@ -161,12 +171,13 @@ kernel void mark(int height, int width, volatile global int *restrict root, glob
         atomic_or(flag + find_root(root, i), 1);
 }
 
-kernel void edges(int height, int width, volatile global int *restrict root, global const int *restrict flag,
-                  PLANES(out))
+kernel void edges(int height, int width, global const int *restrict root, global const int *restrict flag, PLANES(out))
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const int i = y * width + x;
-    AT(out, 0, y, x) = atomic_add(root + i, 0) != NO_EDGE && flag[find_root(root, i)] ? 1.f : 0.f;
+    int i = y * width + x;
+    while (root[i] != i)
+        i = root[i];
+    AT(out, 0, y, x) = flag[i] == 1 ? 1.f : 0.f;
 }

@@ -48,8 +48,8 @@ def canny_thresholds(
     if low is not None and high is not None:
         return engine.constant([low, high])
     bins, out = engine.zeros(256), engine.memory(8)
-    size = (image.width, image.height)
-    engine.launch("canny", engine.kernel("canny.cl", "histogram"), size, image, image.height, image.width, bins)
+    rows = (image.height,)
+    engine.launch("canny", engine.kernel("canny.cl", "histogram"), rows, image, image.height, image.width, bins)
     kernel = engine.kernel("canny.cl", "thresholds_from_median")
     given = [-1.0 if value is None else float(value) for value in (low, high)]
     engine.launch("canny", kernel, (1,), bins, image.height * image.width, *given, out)
@@ -76,7 +76,7 @@ def canny(
     root, strong, flag = (engine.memory(4 * height * width) for _ in range(3))
     suppress = engine.kernel("canny.cl", "suppress")
     engine.launch("canny", suppress, size, gradient, height, width, thresholds, root, strong, flag)
-    engine.launch("canny", engine.kernel("canny.cl", "link"), size, height, width, root)
+    engine.launch("canny", engine.kernel("canny.cl", "link"), size, height, width, root, flag)
     engine.launch("canny", engine.kernel("canny.cl", "mark"), size, height, width, root, strong, flag)
     out = engine.planes(1, height, width)
     engine.launch("canny", engine.kernel("canny.cl", "edges"), size, height, width, root, flag, out)
