@@ -43,7 +43,7 @@ def chosen_cases(options: argparse.Namespace) -> Iterator[Case]:
         return folder_cases(options.frames, tuple(options.spp))
     if options.frames != BESIDE:
         raise SystemExit(f"{options.frames} is not a folder: give one, or leave --frames out to render scenes")
-    return rendered_cases(options.cache, tuple(options.spp) or (4, 32, 128), 4096, 640, 360)
+    return rendered_cases(options.cache, tuple(options.spp) or (4, 32, 128), 1024, 480, 270)
 
 
 def folder_cases(folder: Path, spp: tuple[int, ...] = ()) -> Iterator[Case]:

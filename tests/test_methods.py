@@ -5,12 +5,14 @@ from dataclasses import asdict
 import inputs
 import numpy as np
 import oracle
+import oracle_regression
 import pytest
 from test_stages import close
 
 from mcdenoise_cl import ParameterError, denoise, methods
 from mcdenoise_cl.methods import default_method, get_method
 from mcdenoise_cl.methods.parameters import make, parse
+from mcdenoise_cl.render import render
 
 SIZES = [(1, 1), (1, 9), (7, 1), (3, 2), (13, 17), (48, 64)]
 
@@ -181,3 +183,27 @@ def test_parsing_of_the_command_line():
 def test_unknown_method():
     with pytest.raises(ParameterError, match="'bm3d' but one of nlm, ssim-nlm, regression"):
         get_method("bm3d")
+
+
+@pytest.fixture(scope="module")
+def rendering():
+    """A few samples of a real scene: black pixels, fireflies, a lamp, and features with noise of their own."""
+    return render("room", spp=4, width=40, height=24, halves=True, variant="scalar_rgb")
+
+
+def test_nlm_on_a_rendering(rendering):
+    expected = oracle.denoise_nlm(rendering.color, **defaults("nlm"))
+    close_in_both_domains(denoise(rendering, method="nlm"), expected)
+
+
+def test_ssim_nlm_on_a_rendering(rendering):
+    features = {"albedo": rendering.albedo, "normal": rendering.normal}
+    expected = oracle.denoise_ssim_nlm(rendering.color, **features, **defaults("ssim-nlm"))
+    close_in_both_domains(denoise(rendering, method="ssim-nlm"), expected)
+
+
+def test_regression_on_a_rendering(rendering):
+    options = {"search_radius": 4, "patch_radius": 2, "ridge": 0.03, "noise_ridge": 10.0, "position_ridge": 0.1}
+    planes = {name: plane for name, plane in rendering.planes().items() if name not in ("color_a", "color_b")}
+    expected = oracle_regression.denoise_regression(**planes, **options, k=0.7)
+    close(denoise(rendering, method="regression", search_radius=4), expected, tolerance=2e-4)
