@@ -49,45 +49,88 @@ inline void patch_sum(global const float *a, global const float *b, int row, int
         }
 }
 
-/* out[y][v] = squared difference of the patches beyond what their noise explains, in units of that noise (Rousselle
- * et al. 2012, with k = 1), mean over patch and channels, at least 0. a and b as above; va and vb point likewise into
- * the variances. */
+/* How far two pixels differ beyond what their noise explains, in units of that noise, summed over `channels`
+ * (Rousselle et al. 2012): the row of differences that line y of a tile's patches needs. a and b as above; va and vb
+ * point likewise into the variances. */
 #define LEAST_VARIANCE 1e-8f
 
+inline void excess_row(global const float *a, global const float *b, int row, int plane, global const float *va,
+                       global const float *vb, int v_row, int v_plane, int channels, int y,
+                       float excess[SPAN_VECTORS * WIDTH])
+{
+    const int start = (y - PATCH_RADIUS) * row - PATCH_RADIUS, v_start = (y - PATCH_RADIUS) * v_row - PATCH_RADIUS;
+    for (int v = 0; v < SPAN_VECTORS; v++) {
+        vec sum = (vec)(0.f);
+        for (int c = 0; c < channels; c++) {
+            const int i = start + v * WIDTH + c * plane, j = v_start + v * WIDTH + c * v_plane;
+            const vec difference = LOAD(a + i) - LOAD(b + i);
+            const vec here = LOAD(va + j), there = LOAD(vb + j);
+            sum += (difference * difference - (here + fmin(here, there))) / (here + there + LEAST_VARIANCE);
+        }
+        STORE(sum, excess + v * WIDTH);
+    }
+}
+
+/* Sums over the 2 radius + 1 values around the middle of a patch, along a row and down a column. */
+inline vec sum_along(const float *excess, int v, int radius)
+{
+    vec sum = (vec)(0.f);
+#pragma unroll
+    for (int k = PATCH_RADIUS - radius; k <= PATCH_RADIUS + radius; k++)
+        sum += LOAD(excess + v * WIDTH + k);
+    return sum;
+}
+
+inline vec sum_down(const vec across[ROWS + 2 * PATCH_RADIUS][VECTORS], int y, int v, int radius)
+{
+    vec sum = (vec)(0.f);
+#pragma unroll
+    for (int k = PATCH_RADIUS - radius; k <= PATCH_RADIUS + radius; k++)
+        sum += across[y + k][v];
+    return sum;
+}
+
+/* out[y][v] = excess_row's differences, mean over the patch and the channels, at least 0. */
 inline void patch_variance_distance(global const float *a, global const float *b, int row, int plane,
                                     global const float *va, global const float *vb, int v_row, int v_plane,
                                     int channels, vec out[ROWS][VECTORS])
 {
     vec across[ROWS + 2 * PATCH_RADIUS][VECTORS];
+    float excess[SPAN_VECTORS * WIDTH];
     for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
-        float excess[SPAN_VECTORS * WIDTH];
-        const int start = (y - PATCH_RADIUS) * row - PATCH_RADIUS;
-        const int v_start = (y - PATCH_RADIUS) * v_row - PATCH_RADIUS;
-        for (int v = 0; v < SPAN_VECTORS; v++) {
-            vec sum = (vec)(0.f);
-            for (int c = 0; c < channels; c++) {
-                const int i = start + v * WIDTH + c * plane, j = v_start + v * WIDTH + c * v_plane;
-                const vec difference = LOAD(a + i) - LOAD(b + i);
-                const vec here = LOAD(va + j), there = LOAD(vb + j);
-                sum += (difference * difference - (here + fmin(here, there))) / (here + there + LEAST_VARIANCE);
-            }
-            STORE(sum, excess + v * WIDTH);
-        }
+        excess_row(a, b, row, plane, va, vb, v_row, v_plane, channels, y, excess);
+        for (int v = 0; v < VECTORS; v++)
+            across[y][v] = sum_along(excess, v, PATCH_RADIUS);
+    }
+    const float norm = 1.f / (channels * PATCH * PATCH);
+    for (int y = 0; y < ROWS; y++)
+        for (int v = 0; v < VECTORS; v++)
+            out[y][v] = fmax(norm * sum_down(across, y, v, PATCH_RADIUS), (vec)(0.f));
+}
+
+/* out[y][v] = exp(scale * distance), mean of the distances of the patch and of its inner half: a wide patch tells
+ * noise from structure, a narrow one follows edges, and their errors differ. */
+#define INNER_RADIUS (PATCH_RADIUS / 2)
+
+inline void patch_weights(global const float *a, global const float *b, int row, int plane, global const float *va,
+                          global const float *vb, int v_row, int v_plane, float scale, vec out[ROWS][VECTORS])
+{
+    vec across[ROWS + 2 * PATCH_RADIUS][VECTORS], inner[ROWS + 2 * PATCH_RADIUS][VECTORS];
+    float excess[SPAN_VECTORS * WIDTH];
+    for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
+        excess_row(a, b, row, plane, va, vb, v_row, v_plane, 3, y, excess);
         for (int v = 0; v < VECTORS; v++) {
-            vec sum = LOAD(excess + v * WIDTH);
-#pragma unroll
-            for (int k = 1; k < PATCH; k++)
-                sum += LOAD(excess + v * WIDTH + k);
-            across[y][v] = sum;
+            across[y][v] = sum_along(excess, v, PATCH_RADIUS);
+            inner[y][v] = sum_along(excess, v, INNER_RADIUS);
         }
     }
+    const float norm = scale / (3 * PATCH * PATCH);
+    const float inner_norm = scale / (3 * (2 * INNER_RADIUS + 1) * (2 * INNER_RADIUS + 1));
     for (int y = 0; y < ROWS; y++)
         for (int v = 0; v < VECTORS; v++) {
-            vec sum = across[y][v];
-#pragma unroll
-            for (int k = 1; k < PATCH; k++)
-                sum += across[y + k][v];
-            out[y][v] = fmax(sum * (1.f / (channels * PATCH * PATCH)), (vec)(0.f));
+            const vec wide = exp(fmin(norm * sum_down(across, y, v, PATCH_RADIUS), (vec)(0.f)));
+            const vec narrow = exp(fmin(inner_norm * sum_down(inner, y, v, INNER_RADIUS), (vec)(0.f)));
+            out[y][v] = 0.5f * (wide + narrow);
         }
 }
 

@@ -60,12 +60,12 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance),
     const float scale = -1.f / (bandwidth * bandwidth);
     for (int o = 0; o < SIDE * SIDE; o++) {
         const int dy = o / SIDE - SEARCH_RADIUS, dx = o % SIDE - SEARCH_RADIUS;
-        vec distance[ROWS][VECTORS];
-        patch_variance_distance(t, t + dy * tone_row + dx, tone_row, tone_plane, s, s + dy * variance_row + dx,
-                                variance_row, variance_plane, 3, distance);
+        vec weight[ROWS][VECTORS];
+        patch_weights(t, t + dy * tone_row + dx, tone_row, tone_plane, s, s + dy * variance_row + dx, variance_row,
+                      variance_plane, scale, weight);
         for (int r = 0; r < ROWS; r++)
             for (int v = 0; v < VECTORS; v++)
-                STORE(exp(scale * distance[r][v]), &weights[o][r][v * WIDTH]);
+                STORE(weight[r][v], &weights[o][r][v * WIDTH]);
     }
     const float step = 1.f / max(SEARCH_RADIUS, 1);
     for (int r = 0; r < ROWS && y + r < height; r++)

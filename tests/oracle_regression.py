@@ -120,7 +120,8 @@ def first_order_regression(
 ) -> np.ndarray:
     """NFOR (Bitterli et al. 2016): fit `color` over the window, linear in features and position, read it at i.
 
-    Weights exp(-d / k²), d the `variance_distance` of the guide; terms (1, f_j - f_i, dx / S, dy / S). `features`
+    Weights exp(-d / k²), d the `variance_distance` of the guide, mean over patch_radius and patch_radius // 2;
+    terms (1, f_j - f_i, dx / S, dy / S). `features`
     and `feature_variance` are (H, W, F), F any number; None is none. Ridges on the diagonal of M = Σ w t tᵀ, then
     M z = e0 and the result is zᵀ Σ w t colorᵀ.
     """
@@ -137,7 +138,13 @@ def first_order_regression(
     m = np.zeros((height, width, size, size))
     r = np.zeros((height, width, size, channels))
     for dx, dy in offsets(search_radius):
-        w = np.exp(-variance_distance(color_guide, guide_variance, dx, dy, patch_radius) / k**2)
+        w = np.mean(
+            [
+                np.exp(-variance_distance(color_guide, guide_variance, dx, dy, radius) / k**2)
+                for radius in (patch_radius, patch_radius // 2)
+            ],
+            axis=0,
+        )
         t = np.empty((height, width, size))
         t[..., 0] = 1.0
         t[..., 1 : 1 + count] = shifted(padded_features, search_radius, dx, dy) - features

@@ -203,7 +203,9 @@ def test_ssim_nlm_on_a_rendering(rendering):
 
 
 def test_regression_on_a_rendering(rendering):
-    options = {"search_radius": 4, "patch_radius": 2, "ridge": 0.03, "noise_ridge": 10.0, "position_ridge": 0.1}
+    names = ("patch_radius", "ridge", "noise_ridge", "position_ridge", "outlier_limit", "spread_radius")
+    options = asdict(get_method("regression").make())
+    options = {name: options[name] for name in names} | {"search_radius": 4, "k": options["bandwidth"]}
     planes = {name: plane for name, plane in rendering.planes().items() if name not in ("color_a", "color_b")}
-    expected = oracle_regression.denoise_regression(**planes, **options, k=0.7)
+    expected = oracle_regression.denoise_regression(**planes, **options)
     close(denoise(rendering, method="regression", search_radius=4), expected, tolerance=2e-4)

@@ -94,7 +94,8 @@ def loop_regression(
     for y, x in np.ndindex(color.shape[:2]):
         rows, targets, weights = [], [], []
         for dy, dx in window(search_radius):
-            weights.append(np.exp(-loop_distance(guide, variance, y, x, dy, dx, patch_radius) / k**2))
+            wide, narrow = (loop_distance(guide, variance, y, x, dy, dx, r) for r in (patch_radius, patch_radius // 2))
+            weights.append((np.exp(-wide / k**2) + np.exp(-narrow / k**2)) / 2)
             rows.append([1.0, *(at(plane, y + dy, x + dx) - at(plane, y, x)), dx / span, dy / span])
             targets.append(at(color, y + dy, x + dx))
         rows, targets, weights = np.array(rows), np.array(targets), np.array(weights)
@@ -370,8 +371,11 @@ def test_great_ridges_leave_non_local_means():
     plane = np.float64(planes("uniform", 6, 7, 2, seed=2))
     options = WINDOWS | {"ridge": 0.0, "noise_ridge": 1e9, "position_ridge": 1e9}
     fitted = ora.first_order_regression(color, variance, plane, np.ones(plane.shape), color, **options)
-    d = [ora.variance_distance(color, variance, dx, dy, 1) for dx, dy in oracle.offsets(2)]
-    expected = oracle.weighted_mean(color, np.exp(-np.stack(d) / 0.8**2), 2)
+    wide, narrow = (
+        np.stack([np.exp(-ora.variance_distance(color, variance, dx, dy, r) / 0.8**2) for dx, dy in oracle.offsets(2)])
+        for r in (1, 0)
+    )
+    expected = oracle.weighted_mean(color, (wide + narrow) / 2, 2)
     np.testing.assert_allclose(fitted, expected, atol=1e-7)
 
 

@@ -43,10 +43,10 @@ class Parameters:
     """Chosen by measurement (bench/sweep.py)."""
 
     search_radius: int = parameter(7, "the fit uses (2 r + 1)² pixels", low=0, high=10)
-    patch_radius: int = parameter(2, "patches are (2 r + 1)² pixels", low=0, high=8)
-    bandwidth: float = parameter(0.7, "how far colours may differ, in units of their noise", low=1e-3)
-    ridge: float = parameter(0.03, "regularisation of every term, relative to its spread", low=1e-5)
-    noise_ridge: float = parameter(10.0, "regularisation by the noise that a feature still has", low=0.0)
+    patch_radius: int = parameter(2, "patches are (2 r + 1)² pixels, and half as wide", low=0, high=8)
+    bandwidth: float = parameter(0.65, "how far colours may differ, in units of their noise", low=1e-3)
+    ridge: float = parameter(0.02, "regularisation of every term, relative to its spread", low=1e-5)
+    noise_ridge: float = parameter(5.0, "regularisation by the noise that a feature still has", low=0.0)
     position_ridge: float = parameter(0.1, "regularisation of the slope that no feature explains", low=0.0)
     outliers: bool = parameter(True, "scale fireflies down to their neighbours and spread what was removed")
     outlier_limit: float = parameter(1.0, "an outlier is brighter than this many times its neighbours", low=1.0)

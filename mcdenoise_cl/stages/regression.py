@@ -25,7 +25,8 @@ def first_order_regression(
         tone, variance: three planes each, in which patches are compared, border of search_radius + patch_radius.
         features: planes of features (border of search_radius) and of their variances (no border); None for none.
         color: three planes to fit, border of search_radius.
-        bandwidth: weights are exp(-d / bandwidth²), d the patch distance in units of its noise.
+        bandwidth: weights are exp(-d / bandwidth²), d the patch distance in units of its noise; mean of the weights
+            for patch_radius and patch_radius // 2.
         ridge: added to a term's own second moment, relative to it.
         noise_ridge: times a feature's variance, added relative to the sum of weights.
         position_ridge: added to the two position terms, relative to the sum of weights (positions span [-1, 1]).
