@@ -4,12 +4,8 @@ outputs only when asked, and a file appears under its name only when it is compl
 
 from __future__ import annotations
 
-import contextlib
-import io
 import os
-import sys
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,6 +19,7 @@ from .exr import read_exr, write_exr
 from .frame import Frame
 from .methods import default_method, get_method
 from .methods.parameters import make
+from .quiet import hushed
 
 StrPath = str | os.PathLike[str]
 
@@ -171,25 +168,6 @@ def check_target(target: StrPath, overwrite: bool) -> None:
         raise ExrError(
             f"{target} exists already: give another name, or pass --force (overwrite=True in Python) to replace it"
         )
-
-
-@contextlib.contextmanager
-def hushed() -> Iterator[None]:
-    """Keep OpenEXR quiet: of a damaged file it tells in dozens of lines, on both streams, what our error says in one.
-
-    The streams belong to the whole process, so this does nothing where another thread could be writing.
-    """
-    if threading.active_count() > 1 or sys.stderr is None:
-        yield
-        return
-    with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stdout(io.StringIO()):
-        kept = os.dup(2)  # its C core knows nothing of sys.stderr
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
 
 
 class _Denoisers:

@@ -28,6 +28,7 @@ from .device import list_devices
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
 from .methods.parameters import ParameterInfo, parse
+from .quiet import hushed
 
 # batch, demo, exr, metrics, render and report are imported by the commands that use them: they take their time.
 
@@ -227,10 +228,10 @@ def compare(images: tuple[str, ...], reference: str, exposure: float | None, as_
     PSNR, MSE, SSIM and FLIP look at the tonemapped pictures, relMSE at the linear values.
     In JSON null stands for a metric that is not available, and for the infinite PSNR of equal images.
     """
-    from . import batch, exr, metrics, report
+    from . import exr, metrics, report
 
     def read(path: str) -> Frame:
-        with batch.hushed():
+        with hushed():
             return exr.read_exr(path)
 
     truth, scores = read(reference), {}

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import RenderError
+from .quiet import hushed
 
 PROBE = """
 import sys, mitsuba as mi
@@ -63,7 +64,8 @@ def import_mitsuba() -> Any:
         raise RenderError(missing.format("is not installed"))
     _llvm_works()
     try:
-        return importlib.import_module("mitsuba")
+        with hushed():  # without any LLVM the import says so, and scalar variants do not care
+            return importlib.import_module("mitsuba")
     except ImportError as error:
         raise RenderError(missing.format(f"cannot be imported ({error})")) from error
 

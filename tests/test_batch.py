@@ -11,6 +11,7 @@ from mcdenoise_cl.errors import DeviceError, ExrError, FrameError, ParameterErro
 from mcdenoise_cl.exr import read_exr, write_exr
 from mcdenoise_cl.frame import Frame
 from mcdenoise_cl.methods import default_method
+from mcdenoise_cl.quiet import hushed
 
 H, W = 31, 40
 SMALL = {"search_radius": 1, "patch_radius": 1}
@@ -195,7 +196,7 @@ def test_replaced_pixels_are_reported(tmp_path):
 
 def test_hushed(capfd, monkeypatch):
     monkeypatch.setattr(threading, "active_count", lambda: 1)  # pytest-xdist has threads of its own
-    with batch.hushed():
+    with hushed():
         print("to stdout")
         os.write(2, b"to stderr")
     os.write(2, b"after")
@@ -208,7 +209,7 @@ def test_hushed_leaves_other_threads_their_streams(capfd):
     thread = threading.Thread(target=stop.wait)
     thread.start()
     try:
-        with batch.hushed():
+        with hushed():
             os.write(2, b"heard")
     finally:
         stop.set()
