@@ -15,6 +15,7 @@ from mcdenoise_cl.errors import ExrError
 from mcdenoise_cl.exr import read_exr, write_exr
 from mcdenoise_cl.exr_layers import group_layers
 from mcdenoise_cl.frame import PLANES, SCALAR_PLANES, Frame
+from mcdenoise_cl.variant import import_mitsuba
 
 H, W = 21, 18
 LOSSLESS = ["NO", "RLE", "ZIPS", "ZIP", "PIZ"]
@@ -281,7 +282,7 @@ def test_moments_become_the_variance_of_the_mean(tmp_path):
 @pytest.mark.parametrize("moment", [False, True])
 @pytest.mark.parametrize("names", [("albedo", "nn", "dd.y", "pos"), ("kd", "facing", "far", "where")])
 def test_mitsuba(tmp_path, moment, names):
-    mi = pytest.importorskip("mitsuba")
+    mi = import_mitsuba()  # which shows Dr.Jit an LLVM that works, for the tests that come later
     mi.set_variant("scalar_rgb")
     scene = mi.cornell_box()
     kinds = ("albedo", "sh_normal", "depth", "position")
