@@ -12,7 +12,7 @@ import pyopencl.array as cl_array
 
 from .choose import pick_device
 from .device import context_for
-from .engine import Engine
+from .engine import Engine, Planes
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
 from .methods import Method, default_method, get_method
@@ -165,21 +165,27 @@ class Denoiser:
     def _run_host(self, frame: Frame, out: np.ndarray | None) -> np.ndarray:
         engine = self._engine
         engine.start()
-        arrays, alive = {}, []
-        for name, plane in self._used(frame).items():
-            arrays[name], host = upload(engine, plane)
-            alive.append(host)  # until the blocking download below
-        color = self._filter(arrays)
+        alive = []  # what is uploaded must not go before the queue has taken it
+        try:
+            arrays = {}
+            for name, plane in self._used(frame).items():
+                arrays[name], host = upload(engine, plane)
+                alive.append(host)
+            return self._download(self._filter(arrays), frame, out)
+        except BaseException:
+            engine.queue.finish()
+            raise
+
+    def _download(self, color: Planes, frame: Frame, out: np.ndarray | None) -> np.ndarray:
+        if self._replaced(*self._last[1:]).get("color") == self.height * self.width:
+            raise FrameError("color has no finite pixel: there is nothing to denoise, so look at the renderer")
         wanted = np.dtype(frame.color.dtype) if out is None else out.dtype
         dtype = np.dtype("f4") if wanted == np.float64 else wanted
         direct = out is not None and out.dtype == dtype and out.flags.c_contiguous
         result = out if direct else np.empty((self.height, self.width, 3), dtype)
-        target = Strided(engine.memory(result.nbytes), dtype, 3, 0, (3 * self.width, 3, 1))
-        leave(engine, color, target)
-        cl.enqueue_copy(engine.queue, result, target.buffer, is_blocking=True)
-        bad = self._replaced(*self._last[1:])
-        if bad.get("color") == self.height * self.width:
-            raise FrameError("color has no finite pixel: there is nothing to denoise, so look at the renderer")
+        target = Strided(self._engine.memory(result.nbytes), dtype, 3, 0, (3 * self.width, 3, 1))
+        leave(self._engine, color, target)
+        cl.enqueue_copy(self.queue, result, target.buffer, is_blocking=True)
         if out is None:
             return result.astype(wanted, copy=False)
         if not direct:
@@ -209,7 +215,7 @@ class Denoiser:
         out.add_event(cl.enqueue_marker(engine.queue))
         return out
 
-    def _filter(self, arrays: dict[str, Strided]) -> Any:
+    def _filter(self, arrays: dict[str, Strided]) -> Planes:
         engine = self._engine
         names = tuple(arrays)
         bad = engine.zeros(len(PLANES))

@@ -81,6 +81,13 @@ def test_out(dtype):
     assert not wide[:, 1::2].any()
 
 
+def test_out_is_untouched_by_a_frame_that_cannot_be_denoised():
+    out = np.full((4, 5, 3), 7.0, np.float32)
+    with pytest.raises(FrameError, match="no finite pixel"):
+        denoise(np.full((4, 5, 3), np.nan, np.float32), out=out)
+    assert (out == 7.0).all()
+
+
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dtype", ["f2", "f4"])
 def test_device_arrays_come_back_as_device_arrays(queue, method, dtype):
