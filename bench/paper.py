@@ -59,6 +59,11 @@ class Row:
     relmse: float
 
 
+def paper_scene(item: Case | Row) -> str:
+    """The scene of the paper that one of ours stands for."""
+    return "room" if item.scene == "living-room" else item.scene
+
+
 def measure(case: Case, name: str, image: np.ndarray) -> Row:
     """The figures of one image."""
     reference = case.reference
@@ -98,8 +103,7 @@ def print_sweep(rows: list[Row]) -> None:
 def print_comparison(rows: list[Row]) -> None:
     """Tables 2 to 4 for one frame; the paper's gain stands beside the form that it describes."""
     noisy = rows[0]
-    key = "room" if noisy.scene.endswith("room") and noisy.scene != "classroom" else noisy.scene
-    paper = PAPER.get(key)
+    paper = PAPER.get(paper_scene(noisy))
     gains = {}
     if paper and noisy.spp == 128:
         gains = {ROWS[0][0]: paper[1] - paper[0], ROWS[1][0]: paper[2] - paper[0]}
@@ -123,7 +127,7 @@ def main() -> None:
         raise SystemExit(f"{options.frames} has no frames of {options.spp} samples per pixel")
     tables: dict[str, list] = {"windows": [], "methods": []}
     for case in cases:
-        if case.scene.endswith("room") and case.scene != "classroom":
+        if paper_scene(case) == "room":
             sweep = window_sweep(case)
             print_sweep(sweep)
             tables["windows"] += [asdict(row) for row in sweep]

@@ -75,7 +75,6 @@ inline void excess_row(global const float *a, global const float *b, int row, in
 inline vec sum_along(const float *excess, int v, int radius)
 {
     vec sum = (vec)(0.f);
-#pragma unroll
     for (int k = PATCH_RADIUS - radius; k <= PATCH_RADIUS + radius; k++)
         sum += LOAD(excess + v * WIDTH + k);
     return sum;
@@ -84,7 +83,6 @@ inline vec sum_along(const float *excess, int v, int radius)
 inline vec sum_down(const vec across[ROWS + 2 * PATCH_RADIUS][VECTORS], int y, int v, int radius)
 {
     vec sum = (vec)(0.f);
-#pragma unroll
     for (int k = PATCH_RADIUS - radius; k <= PATCH_RADIUS + radius; k++)
         sum += across[y + k][v];
     return sum;
