@@ -12,8 +12,10 @@ inline float brightest(CONST_PLANES(color), int y, int x)
 }
 #define BRIGHTEST(y, x) brightest(color, color_origin, color_row, color_plane, y, x)
 
-/* factor: one plane, what each pixel is multiplied by */
-kernel void outlier_factor(CONST_PLANES(color), int height, int width, float limit, PLANES(factor))
+/* factor: one plane, what each pixel is multiplied by. What stands out by more than `significant` of its own standard
+ * deviations is really there: a firefly, one sample in many, stands out by about one. */
+kernel void outlier_factor(CONST_PLANES(color), CONST_PLANES(variance), int height, int width, float limit,
+                           float significant, PLANES(factor))
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
@@ -24,7 +26,9 @@ kernel void outlier_factor(CONST_PLANES(color), int height, int width, float lim
     most = fmax(most, fmax(BRIGHTEST(y, left), BRIGHTEST(y, right)));
     most = fmax(most, fmax(fmax(BRIGHTEST(down, left), BRIGHTEST(down, x)), BRIGHTEST(down, right)));
     const float own = BRIGHTEST(y, x), bound = limit * fmax(most, 0.f);
-    AT(factor, 0, y, x) = own > bound ? bound / own : 1.f;
+    const float deviation = sqrt(fmax(AT(variance, 0, y, x) + AT(variance, 1, y, x) + AT(variance, 2, y, x), 0.f));
+    const bool outlier = own > bound && (own - bound) / significant <= deviation;
+    AT(factor, 0, y, x) = outlier ? bound / own : 1.f;
 }
 
 /* in place: color becomes factor * color, removed what is missing, variance factor^2 * variance */
@@ -40,6 +44,18 @@ kernel void apply_factor(CONST_PLANES(factor), PLANES(color), PLANES(variance), 
         AT(removed, c, y, x) = before - after;
         AT(variance, c, y, x) *= f * f;
     }
+}
+
+/* A frame of three colours and a half difference as it was before apply_factor. */
+kernel void with_outliers(CONST_PLANES(frame), CONST_PLANES(removed), CONST_PLANES(factor), int height, int width,
+                          PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    for (int c = 0; c < 3; c++)
+        AT(out, c, y, x) = AT(frame, c, y, x) + AT(removed, c, y, x);
+    AT(out, 3, y, x) = AT(frame, 3, y, x) / fmax(AT(factor, 0, y, x), 1e-4f);
 }
 
 /* The removed energy, blurred, goes back: half of it evenly, half in proportion to the brightness. */

@@ -49,25 +49,24 @@ inline void patch_sum(global const float *a, global const float *b, int row, int
         }
 }
 
-/* How far two pixels differ beyond what their noise explains, in units of that noise, summed over `channels`
- * (Rousselle et al. 2012): the row of differences that line y of a tile's patches needs. a and b as above; va and vb
- * point likewise into the variances. */
+/* How far two pixels differ beyond what their noise explains, in units of that noise (Rousselle et al. 2012, with the
+ * channels taken together: one division): the row of differences that line y of a tile's patches needs. a and b as
+ * above; va and vb point likewise into one plane, the sum of the channels' variances. */
 #define LEAST_VARIANCE 1e-8f
 
 inline void excess_row(global const float *a, global const float *b, int row, int plane, global const float *va,
-                       global const float *vb, int v_row, int v_plane, int channels, int y,
-                       float excess[SPAN_VECTORS * WIDTH])
+                       global const float *vb, int v_row, int channels, int y, float excess[SPAN_VECTORS * WIDTH])
 {
     const int start = (y - PATCH_RADIUS) * row - PATCH_RADIUS, v_start = (y - PATCH_RADIUS) * v_row - PATCH_RADIUS;
     for (int v = 0; v < SPAN_VECTORS; v++) {
         vec sum = (vec)(0.f);
         for (int c = 0; c < channels; c++) {
-            const int i = start + v * WIDTH + c * plane, j = v_start + v * WIDTH + c * v_plane;
+            const int i = start + v * WIDTH + c * plane;
             const vec difference = LOAD(a + i) - LOAD(b + i);
-            const vec here = LOAD(va + j), there = LOAD(vb + j);
-            sum += (difference * difference - (here + fmin(here, there))) / (here + there + LEAST_VARIANCE);
+            sum += difference * difference;
         }
-        STORE(sum, excess + v * WIDTH);
+        const vec here = LOAD(va + v_start + v * WIDTH), there = LOAD(vb + v_start + v * WIDTH);
+        STORE((sum - (here + fmin(here, there))) / (here + there + LEAST_VARIANCE), excess + v * WIDTH);
     }
 }
 
@@ -88,46 +87,53 @@ inline vec sum_down(const vec across[ROWS + 2 * PATCH_RADIUS][VECTORS], int y, i
     return sum;
 }
 
-/* out[y][v] = excess_row's differences, mean over the patch and the channels, at least 0. */
+/* out[y][v] = excess_row's differences, mean over the patch, at least 0. */
 inline void patch_variance_distance(global const float *a, global const float *b, int row, int plane,
-                                    global const float *va, global const float *vb, int v_row, int v_plane,
-                                    int channels, vec out[ROWS][VECTORS])
+                                    global const float *va, global const float *vb, int v_row, int channels,
+                                    vec out[ROWS][VECTORS])
 {
     vec across[ROWS + 2 * PATCH_RADIUS][VECTORS];
     float excess[SPAN_VECTORS * WIDTH];
     for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
-        excess_row(a, b, row, plane, va, vb, v_row, v_plane, channels, y, excess);
+        excess_row(a, b, row, plane, va, vb, v_row, channels, y, excess);
         for (int v = 0; v < VECTORS; v++)
             across[y][v] = sum_along(excess, v, PATCH_RADIUS);
     }
-    const float norm = 1.f / (channels * PATCH * PATCH);
+    const float norm = 1.f / (PATCH * PATCH);
     for (int y = 0; y < ROWS; y++)
         for (int v = 0; v < VECTORS; v++)
             out[y][v] = fmax(norm * sum_down(across, y, v, PATCH_RADIUS), (vec)(0.f));
 }
 
-/* out[y][v] = exp(scale * distance), mean of the distances of the patch and of its inner half: a wide patch tells
+/* (1 - d / 4)^4 where exp(-d) would do as well: it ends, and costs four operations. x = -d / 4. */
+inline vec falloff(vec x)
+{
+    const vec t = clamp((vec)(1.f) + x, (vec)(0.f), (vec)(1.f)), t2 = t * t;
+    return t2 * t2;
+}
+
+/* out[y][v] = falloff(scale * distance), mean for the distances of the patch and of its inner half: a wide patch tells
  * noise from structure, a narrow one follows edges, and their errors differ. */
 #define INNER_RADIUS (PATCH_RADIUS / 2)
 
 inline void patch_weights(global const float *a, global const float *b, int row, int plane, global const float *va,
-                          global const float *vb, int v_row, int v_plane, float scale, vec out[ROWS][VECTORS])
+                          global const float *vb, int v_row, float scale, vec out[ROWS][VECTORS])
 {
     vec across[ROWS + 2 * PATCH_RADIUS][VECTORS], inner[ROWS + 2 * PATCH_RADIUS][VECTORS];
     float excess[SPAN_VECTORS * WIDTH];
     for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
-        excess_row(a, b, row, plane, va, vb, v_row, v_plane, 3, y, excess);
+        excess_row(a, b, row, plane, va, vb, v_row, 3, y, excess);
         for (int v = 0; v < VECTORS; v++) {
             across[y][v] = sum_along(excess, v, PATCH_RADIUS);
             inner[y][v] = sum_along(excess, v, INNER_RADIUS);
         }
     }
-    const float norm = scale / (3 * PATCH * PATCH);
-    const float inner_norm = scale / (3 * (2 * INNER_RADIUS + 1) * (2 * INNER_RADIUS + 1));
+    const float norm = scale / (PATCH * PATCH);
+    const float inner_norm = scale / ((2 * INNER_RADIUS + 1) * (2 * INNER_RADIUS + 1));
     for (int y = 0; y < ROWS; y++)
         for (int v = 0; v < VECTORS; v++) {
-            const vec wide = exp(fmin(norm * sum_down(across, y, v, PATCH_RADIUS), (vec)(0.f)));
-            const vec narrow = exp(fmin(inner_norm * sum_down(inner, y, v, INNER_RADIUS), (vec)(0.f)));
+            const vec wide = falloff(norm * sum_down(across, y, v, PATCH_RADIUS));
+            const vec narrow = falloff(inner_norm * sum_down(inner, y, v, INNER_RADIUS));
             out[y][v] = 0.5f * (wide + narrow);
         }
 }

@@ -1,13 +1,15 @@
 /* Features before regression: NLM with their own variances (Rousselle et al. 2013), and the variance that is left. */
 #include "patch.h"
 
-/* feature and variance: CHANNELS planes with mirrored borders of at least search radius + patch radius */
-kernel void prefilter(CONST_PLANES(feature), CONST_PLANES(variance), int height, int width, int search_radius,
-                      PLANES(out), PLANES(out_variance))
+/* feature and variance: CHANNELS planes, total: the sum of the variances; mirrored borders of at least search radius +
+ * patch radius */
+kernel void prefilter(CONST_PLANES(feature), CONST_PLANES(variance), CONST_PLANES(total_variance), int height,
+                      int width, int search_radius, PLANES(out), PLANES(out_variance))
 {
     const int x = get_global_id(0) * COLUMNS, y = get_global_id(1) * ROWS;
     global const float *f = feature + INDEX(feature, 0, y, x);
     global const float *s = variance + INDEX(variance, 0, y, x);
+    global const float *t = total_variance + INDEX(total_variance, 0, y, x);
     vec total[ROWS][VECTORS], sum[CHANNELS][ROWS][VECTORS], spread[CHANNELS][ROWS][VECTORS];
     for (int r = 0; r < ROWS; r++)
         for (int v = 0; v < VECTORS; v++) {
@@ -19,11 +21,11 @@ kernel void prefilter(CONST_PLANES(feature), CONST_PLANES(variance), int height,
         for (int dx = -search_radius; dx <= search_radius; dx++) {
             const int move = dy * feature_row + dx, s_move = dy * variance_row + dx;
             vec distance[ROWS][VECTORS];
-            patch_variance_distance(f, f + move, feature_row, feature_plane, s, s + s_move, variance_row,
-                                    variance_plane, CHANNELS, distance);
+            patch_variance_distance(f, f + move, feature_row, feature_plane, t, t + dy * total_variance_row + dx,
+                                    total_variance_row, CHANNELS, distance);
             for (int r = 0; r < ROWS; r++)
                 for (int v = 0; v < VECTORS; v++) {
-                    const vec weight = exp(-distance[r][v]);
+                    const vec weight = falloff(-0.25f * distance[r][v]);
                     total[r][v] += weight;
                     for (int c = 0; c < CHANNELS; c++) {
                         const int i = c * feature_plane + r * feature_row + v * WIDTH;

@@ -1,123 +1,222 @@
-/* First-order regression on the features (Bitterli et al. 2016; Moon et al. 2014), weighted by NLM.
+/* First-order regression (Bitterli et al. 2016; Moon et al. 2014), weighted by NLM.
  *
- * Around each pixel i the colour is modelled as a linear function of t = (1, f_j - f_i, position), fitted by weighted
- * least squares over the search window, and the value of that function at i is the result. Terms are taken about the
- * centre, so it is the constant of the fit: with M = sum w t t^T and R = sum w t c^T it is z^T R, where M z = e_0, one
- * solve for any number of colours.
+ * Around each pixel i the colour is modelled as a linear function of terms t_j - t_i (features and position), fitted by
+ * weighted least squares over the search window, and the constant of that function is the result: with M = sum w t t^T
+ * and R = sum w t c^T it is z^T R, where M z = e_0, one solve for any number of colours.
  *
- * A work-item first finds the weights of a whole tile, offset by offset, as patches are shared between neighbours;
- * then it adds up the normal equations vector by vector, where the moments stay in registers or next to them.
+ * A work-item fits a whole tile. First the weights, offset by offset, as patches are shared between neighbours. Then
+ * the moments, GROUP of them at a time: a product of two terms is the same for every pixel whose window holds it, so a
+ * wide tile makes it once, and a moment is a plain weighted sum that stays in a register. Terms are taken about the
+ * mean of the block (terms.cl), and the moments moved to the pixel at the end; what rounding then leaves is small
+ * against the ridge, which grows with the distance between the two.
  */
+#include "fit.h"
 #include "patch.h"
 
 #define SIDE (2 * SEARCH_RADIUS + 1)
-#define TERMS (1 + FEATURES + 2)
-#define LOWER(a, b) ((a) * ((a) + 1) / 2 + (b)) /* b <= a */
-#define MOMENTS LOWER(TERMS, 0)
+#define INNER (SEARCH_RADIUS / 2)
+#define REACH (SEARCH_RADIUS * STRIDE)
+#define TERMS (1 + FEATURES + 2) /* at most */
+#define GROUP 8
+#define MOMENTS ((LOWER(TERMS, 0) + TERMS * COLORS + GROUP - 1) / GROUP * GROUP)
+#define LINES (ROWS + 2 * REACH)
+#define LINE (((COLUMNS + 2 * REACH + WIDTH - 1) / WIDTH) * WIDTH)
 
-/* L with M = L L^T, in place; the diagonal holds 1 / L_aa. */
-inline void cholesky(vec m[MOMENTS])
+/* Rounding is about 1e-6 of a squared distance; what varies less than this part of it cannot be told apart. */
+#define ROUNDING 5e-5f
+#define LEAST_RIDGE 1e-9f
+
+/* What is summed: terms, then colours, each about its mean. */
+typedef struct {
+    int plane; /* of the stack: 1, features, position, colours */
+    float mean, variance;
+} Term;
+
+/* One moment: the product of two of them. */
+typedef struct {
+    global const float *a, *b;
+    float mean_a, mean_b;
+} Product;
+
+#define PRODUCT_AT(p, i) ((LOAD((p).a + (i)) - (p).mean_a) * (LOAD((p).b + (i)) - (p).mean_b))
+
+/* sum[i] += weights times products, over a rectangle of offsets counted from the window's corner. A tile reads its
+ * products from `shared`, a single pixel makes them. */
+inline void add_taps(const float weights[SIDE * SIDE][ROWS][COLUMNS],
+#if COLUMNS > 1
+                     const float shared[GROUP][LINES][LINE],
+#else
+                     const Product *products, int stack_row,
+#endif
+                     int r, int c, int top, int bottom, int left, int right, vec sum[GROUP])
 {
-    for (int a = 0; a < TERMS; a++)
-        for (int b = 0; b <= a; b++) {
-            vec sum = m[LOWER(a, b)];
-            for (int q = 0; q < b; q++)
-                sum -= m[LOWER(a, q)] * m[LOWER(b, q)];
-            m[LOWER(a, b)] = a == b ? 1.f / sqrt(fmax(sum, (vec)(1e-20f))) : sum * m[LOWER(b, b)];
+    for (int dy = top; dy <= bottom; dy++)
+        for (int dx = left; dx <= right; dx++) {
+            const vec weight = LOAD(&weights[dy * SIDE + dx][r][c]);
+#pragma unroll
+            for (int i = 0; i < GROUP; i++)
+#if COLUMNS > 1
+                sum[i] += weight * LOAD(&shared[i][r + dy * STRIDE][c + dx * STRIDE]);
+#else
+                sum[i] += weight * PRODUCT_AT(products[i], (r + dy * STRIDE) * stack_row + c + dx * STRIDE);
+#endif
         }
 }
 
-/* z with L L^T z = e_0 */
-inline void solve_for_constant(const vec m[MOMENTS], vec z[TERMS])
+/* The fit of one vector of pixels from its moments. at: the terms there, about their means; ridges: what each adds to
+ * its second moment, per unit of weight. */
+inline void fit(const float moments[MOMENTS][ROWS][COLUMNS], int r, int c, int terms, const vec *at, const vec *ridges,
+                float ridge, vec result[COLORS])
 {
-    for (int a = 0; a < TERMS; a++) {
-        vec sum = (vec)(a == 0 ? 1.f : 0.f);
-        for (int q = 0; q < a; q++)
-            sum -= m[LOWER(a, q)] * z[q];
-        z[a] = sum * m[LOWER(a, a)];
+    vec m[LOWER(TERMS, 0)], z[TERMS], least[TERMS];
+    for (int i = 0; i < LOWER(terms, 0); i++)
+        m[i] = LOAD(&moments[i][r][c]);
+    const vec total = m[0];
+    least[0] = total;
+    for (int a = 1; a < terms; a++)
+        for (int b = 1; b <= a; b++)
+            m[LOWER(a, b)] += at[a] * at[b] * total - at[a] * m[LOWER(b, 0)] - at[b] * m[LOWER(a, 0)];
+    for (int a = 1; a < terms; a++) {
+        least[a] = total * ridges[a];
+        m[LOWER(a, 0)] -= at[a] * total;
+        m[LOWER(a, a)] = fmax(m[LOWER(a, a)], (vec)(0.f)) * (1.f + ridge) + least[a];
     }
-    for (int a = TERMS - 1; a >= 0; a--) {
-        vec sum = z[a];
-        for (int q = a + 1; q < TERMS; q++)
-            sum -= m[LOWER(q, a)] * z[q];
-        z[a] = sum * m[LOWER(a, a)];
+    cholesky(m, terms, least);
+    solve_for_constant(m, terms, z);
+    for (int a = 1; a < terms; a++)
+        z[0] -= at[a] * z[a];
+    for (int k = 0; k < COLORS; k++) {
+        vec sum = (vec)(0.f);
+        for (int a = 0; a < terms; a++)
+            sum += z[a] * LOAD(&moments[LOWER(terms, 0) + k * terms + a][r][c]);
+        result[k] = sum;
     }
 }
 
-/* tone and variance (3 planes each): where patches are compared, borders of search radius + patch radius.
- * feature and color: border of search radius. noise: variance of the features. */
-kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance),
+/* A fit may overshoot below 0, where light cannot be; only a negative pixel may stay so. The fourth colour is a
+ * difference of halves. */
+inline void store_fit(const vec result[COLORS], CONST_PLANES(stack), int y, int x, PLANES(out))
+{
+    for (int k = 0; k < COLORS; k++) {
+        const vec least = fmin(VECTOR_AT(stack, TERMS + k, y, x), (vec)(0.f));
+        STORE(k < 3 ? fmax(result[k], least) : result[k], out + INDEX(out, k, y, x));
+    }
+}
+#define STORE_FIT(y, x, out) store_fit(result, stack, stack_origin, stack_row, stack_plane, y, x, out, out##_origin, out##_row, out##_plane)
+
+/* tone: three planes, variance: one (the sum of theirs), both with a border of REACH + patch radius. stack: 1, FEATURES
+ * features, x, y and COLORS colours, border REACH. noise: variances of the features. blocks: from terms.cl. */
+kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(stack),
 #if FEATURES > 0
-                    CONST_PLANES(feature), CONST_PLANES(noise),
+                    CONST_PLANES(noise), global const float *restrict blocks, int blocks_across,
 #endif
-                    CONST_PLANES(color), int height, int width, float bandwidth, float ridge, float noise_ridge,
-                    float position_ridge, PLANES(out))
+                    int height, int width, float bandwidth, float ridge, float noise_ridge, float position_ridge,
+#ifdef WITH_INNER
+                    PLANES(inner),
+#endif
+                    PLANES(out))
 {
     const int x = get_global_id(0) * COLUMNS, y = get_global_id(1) * ROWS;
     float weights[SIDE * SIDE][ROWS][COLUMNS];
     global const float *t = tone + INDEX(tone, 0, y, x);
     global const float *s = variance + INDEX(variance, 0, y, x);
-    const float scale = -1.f / (bandwidth * bandwidth);
     for (int o = 0; o < SIDE * SIDE; o++) {
-        const int dy = o / SIDE - SEARCH_RADIUS, dx = o % SIDE - SEARCH_RADIUS;
+        const int dy = (o / SIDE - SEARCH_RADIUS) * STRIDE, dx = (o % SIDE - SEARCH_RADIUS) * STRIDE;
         vec weight[ROWS][VECTORS];
         patch_weights(t, t + dy * tone_row + dx, tone_row, tone_plane, s, s + dy * variance_row + dx, variance_row,
-                      variance_plane, scale, weight);
+                      -0.25f / (bandwidth * bandwidth), weight);
         for (int r = 0; r < ROWS; r++)
             for (int v = 0; v < VECTORS; v++)
                 STORE(weight[r][v], &weights[o][r][v * WIDTH]);
     }
-    const float step = 1.f / max(SEARCH_RADIUS, 1);
+
+    Term terms[TERMS + COLORS];
+    int count = 0;
+    terms[count++] = (Term){0, 0.f, 0.f};
+#if FEATURES > 0
+    global const float *block = blocks + 2 * FEATURES * (y / BLOCK_ROWS * blocks_across + x / BLOCK_COLUMNS);
+    for (int q = 0; q < FEATURES; q++)
+        if (block[2 * q + 1] > 0.f)
+            terms[count++] = (Term){1 + q, block[2 * q], block[2 * q + 1]};
+#endif
+    const int features_end = count;
+    terms[count++] = (Term){1 + FEATURES, x + COLUMNS / 2, 0.f};
+    terms[count++] = (Term){2 + FEATURES, y + ROWS / 2, 0.f};
+    for (int k = 0; k < COLORS; k++)
+        terms[count + k] = (Term){TERMS + k, 0.f, 0.f};
+
+    uchar first[MOMENTS], second[MOMENTS];
+    int total = 0;
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b <= a; b++)
+            first[total] = a, second[total++] = b;
+    for (int k = 0; k < COLORS; k++)
+        for (int a = 0; a < count; a++)
+            first[total] = a, second[total++] = count + k;
+    for (; total % GROUP; total++)
+        first[total] = second[total] = 0;
+
+    float moments[MOMENTS][ROWS][COLUMNS];
+#ifdef WITH_INNER
+    float inside[MOMENTS][ROWS][COLUMNS];
+#endif
+    global const float *corner = stack + INDEX(stack, 0, y - REACH, x - REACH);
+    for (int start = 0; start < total; start += GROUP) {
+        Product products[GROUP];
+        for (int i = 0; i < GROUP; i++) {
+            const Term a = terms[first[start + i]], b = terms[second[start + i]];
+            products[i] = (Product){corner + a.plane * stack_plane, corner + b.plane * stack_plane, a.mean, b.mean};
+        }
+#if COLUMNS > 1
+        float shared[GROUP][LINES][LINE];
+        for (int i = 0; i < GROUP; i++)
+            for (int line = 0; line < LINES; line++)
+                for (int c = 0; c < LINE; c += WIDTH)
+                    STORE(PRODUCT_AT(products[i], line * stack_row + c), &shared[i][line][c]);
+#define ADD_TAPS(top, bottom, left, right) add_taps(weights, shared, r, c, top, bottom, left, right, sum)
+#else
+#define ADD_TAPS(top, bottom, left, right) add_taps(weights, products, stack_row, r, c, top, bottom, left, right, sum)
+#endif
+        for (int r = 0; r < ROWS; r++)
+            for (int c = 0; c < COLUMNS; c += WIDTH) {
+                vec sum[GROUP];
+#pragma unroll
+                for (int i = 0; i < GROUP; i++)
+                    sum[i] = (vec)(0.f);
+#ifdef WITH_INNER
+                const int low = SEARCH_RADIUS - INNER, high = SEARCH_RADIUS + INNER, last = SIDE - 1;
+                ADD_TAPS(low, high, low, high);
+                for (int i = 0; i < GROUP; i++)
+                    STORE(sum[i], &inside[start + i][r][c]);
+                ADD_TAPS(0, low - 1, 0, last);
+                ADD_TAPS(low, high, 0, low - 1);
+                ADD_TAPS(low, high, high + 1, last);
+                ADD_TAPS(high + 1, last, 0, last);
+#else
+                ADD_TAPS(0, SIDE - 1, 0, SIDE - 1);
+#endif
+                for (int i = 0; i < GROUP; i++)
+                    STORE(sum[i], &moments[start + i][r][c]);
+            }
+    }
+
     for (int r = 0; r < ROWS && y + r < height; r++)
-        for (int v = 0; v < VECTORS; v++) {
-            vec m[MOMENTS], rhs[TERMS][3], term[TERMS], z[TERMS];
-            for (int i = 0; i < MOMENTS; i++)
-                m[i] = (vec)(0.f);
-            for (int a = 0; a < TERMS; a++)
-                rhs[a][0] = rhs[a][1] = rhs[a][2] = (vec)(0.f);
-            global const float *c = color + INDEX(color, 0, y + r, x + v * WIDTH);
+        for (int c = 0; c < COLUMNS; c += WIDTH) {
+            vec at[TERMS], ridges[TERMS], result[COLORS];
+            for (int a = 1; a < count; a++) {
+                at[a] = VECTOR_AT(stack, terms[a].plane, y + r, x + c) - terms[a].mean;
+                ridges[a] = (vec)((position_ridge + LEAST_RIDGE) * max(REACH, 1) * max(REACH, 1));
 #if FEATURES > 0
-            global const float *f = feature + INDEX(feature, 0, y + r, x + v * WIDTH);
+                if (a < features_end)
+                    ridges[a] = noise_ridge * VECTOR_AT(noise, terms[a].plane - 1, y + r, x + c) +
+                                ROUNDING * (terms[a].variance + at[a] * at[a]) + LEAST_RIDGE;
 #endif
-            for (int o = 0; o < SIDE * SIDE; o++) {
-                const int dy = o / SIDE - SEARCH_RADIUS, dx = o % SIDE - SEARCH_RADIUS;
-                const vec weight = LOAD(&weights[o][r][v * WIDTH]);
-                term[0] = (vec)(1.f);
-#if FEATURES > 0
-                for (int q = 0; q < FEATURES; q++)
-                    term[1 + q] = LOAD(f + q * feature_plane + dy * feature_row + dx) - LOAD(f + q * feature_plane);
+            }
+            fit(moments, r, c, count, at, ridges, ridge, result);
+            STORE_FIT(y + r, x + c, out);
+#ifdef WITH_INNER
+            fit(inside, r, c, count, at, ridges, ridge, result);
+            STORE_FIT(y + r, x + c, inner);
 #endif
-                term[1 + FEATURES] = (vec)(dx * step);
-                term[2 + FEATURES] = (vec)(dy * step);
-#pragma unroll
-                for (int a = 0; a < TERMS; a++) {
-                    const vec weighted = weight * term[a];
-#pragma unroll
-                    for (int b = 0; b <= a; b++)
-                        m[LOWER(a, b)] += weighted * term[b];
-#pragma unroll
-                    for (int k = 0; k < 3; k++)
-                        rhs[a][k] += weighted * LOAD(c + k * color_plane + dy * color_row + dx);
-                }
-            }
-            /* A ridge in proportion to a term's own spread, and to the noise that its feature still has. */
-            for (int a = 1; a < TERMS; a++) {
-                vec floor_ = (vec)(position_ridge);
-#if FEATURES > 0
-                if (a <= FEATURES)
-                    floor_ = noise_ridge * LOAD(noise + INDEX(noise, a - 1, y + r, x + v * WIDTH));
-#endif
-                m[LOWER(a, a)] += ridge * m[LOWER(a, a)] + m[0] * (floor_ + 1e-8f);
-            }
-            cholesky(m);
-            solve_for_constant(m, z);
-            for (int k = 0; k < 3; k++) {
-                vec sum = (vec)(0.f);
-                for (int a = 0; a < TERMS; a++)
-                    sum += z[a] * rhs[a][k];
-                /* A fit may overshoot below 0, where light cannot be; only a negative pixel may stay so. */
-                const vec least = fmin(LOAD(c + k * color_plane), (vec)(0.f));
-                STORE(fmax(sum, least), out + INDEX(out, k, y + r, x + v * WIDTH));
-            }
         }
 }

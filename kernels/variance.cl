@@ -28,6 +28,17 @@ kernel void variance_from_image(CONST_PLANES(in), int height, int width, PLANES(
     AT(out, c, y, x) = response * response / 36.f;
 }
 
+kernel void channel_sum(CONST_PLANES(in), int channels, int height, int width, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    float sum = 0.f;
+    for (int c = 0; c < channels; c++)
+        sum += AT(in, c, y, x);
+    AT(out, 0, y, x) = sum;
+}
+
 /* out = in * factor^power: colours and half buffers in exposed units (power 1), variances (2), and back (-1). */
 kernel void scale(CONST_PLANES(in), int height, int width, global const float *restrict factor, int power, PLANES(out))
 {

@@ -1,6 +1,7 @@
 """Denoise Monte Carlo renderings on any OpenCL device."""
 
-from .api import Denoiser, Report, denoise
+from .api import Denoiser, denoise
+from .details import Denoised, Report
 from .errors import DeviceError, ExrError, FrameError, McdenoiseError, ParameterError, RenderError
 from .exr import read_exr, write_exr
 from .frame import Frame
@@ -9,6 +10,7 @@ from .methods import methods
 __version__ = "0.1.0"
 
 __all__ = [
+    "Denoised",
     "Denoiser",
     "DeviceError",
     "ExrError",

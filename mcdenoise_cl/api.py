@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -11,38 +10,16 @@ import pyopencl as cl
 import pyopencl.array as cl_array
 
 from .choose import pick_device
+from .details import Denoised, Report, error_map, make_report, model_map
 from .device import context_for
 from .engine import Engine, Planes
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
-from .methods import Method, default_method, get_method
+from .methods import DEFAULT_METHOD, Method, get_method
 from .methods.parameters import make
 from .methods.result import Result
 from .stages.door import Strided, door, strided, upload
 from .stages.exit import leave
-
-
-@dataclass(frozen=True)
-class Report:
-    """What happened to one frame.
-
-    Attributes:
-        method: its name.
-        parameters: every parameter with the value used.
-        device: name and runtime.
-        exposure: factor before tonemapping.
-        noise_level: standard deviation of the noise found in the tonemapped colours.
-        replaced: pixels replaced because they were not finite, by plane; planes without any are left out.
-        stage_ms: device milliseconds of each stage; empty if the queue has no profiling.
-    """
-
-    method: str
-    parameters: dict[str, Any]
-    device: str
-    exposure: float
-    noise_level: float
-    replaced: dict[str, int]
-    stage_ms: dict[str, float]
 
 
 class Denoiser:
@@ -75,7 +52,7 @@ class Denoiser:
         height: int,
         width: int,
         *,
-        method: str,
+        method: str = DEFAULT_METHOD,
         device: str | int | cl.Device | None = None,
         queue: cl.CommandQueue | None = None,
         **parameters: Any,
@@ -110,9 +87,33 @@ class Denoiser:
             ParameterError: no frame has been denoised yet.
         """
         with self._lock:
-            if self._last is None:
-                raise ParameterError("there is no report yet: denoise a frame first")
-            return self._make_report(*self._last)
+            result, names, bad = self._last_frame()
+            return make_report(self._engine, self.method, self.parameters, result, self._replaced(names, bad))
+
+    @property
+    def model_map(self) -> np.ndarray | None:
+        """Which candidate has the largest share where, in the last frame: see `Denoised`. Waits for it.
+
+        Raises:
+            ParameterError: no frame has been denoised yet.
+        """
+        with self._lock:
+            return model_map(self._engine, self._last_frame()[0])
+
+    @property
+    def error_map(self) -> np.ndarray | None:
+        """The estimated error of the last frame: see `Denoised`. Waits for it.
+
+        Raises:
+            ParameterError: no frame has been denoised yet.
+        """
+        with self._lock:
+            return error_map(self._engine, self._last_frame()[0])
+
+    def _last_frame(self) -> tuple[Result, tuple[str, ...], cl.MemoryObjectHolder]:
+        if self._last is None:
+            raise ParameterError("there is no report yet: denoise a frame first")
+        return self._last
 
     def __call__(self, frame_or_color: Frame | np.ndarray | cl_array.Array, *, out: Any = None, **planes: Any) -> Any:
         """Denoise one frame.
@@ -231,21 +232,6 @@ class Denoiser:
         cl.enqueue_copy(self.queue, counts, bad, is_blocking=True)
         return {name: int(count) for name, count in zip(names, counts, strict=False) if count}
 
-    def _make_report(self, result: Result, names: tuple[str, ...], bad: cl.MemoryObjectHolder) -> Report:
-        scalars = np.empty(2, np.float32)
-        cl.enqueue_copy(self.queue, scalars[:1], result.exposure)
-        cl.enqueue_copy(self.queue, scalars[1:], result.noise_level)
-        device = self._engine.device
-        return Report(
-            method=self.method.name,
-            parameters=asdict(self.parameters),
-            device=f"{device.name.strip()} ({device.platform.name.strip()}, {device.version.strip()})",
-            exposure=float(scalars[0]),
-            noise_level=float(scalars[1]),
-            replaced=self._replaced(names, bad),
-            stage_ms=self._engine.stage_times(),
-        )
-
 
 def as_frame(frame_or_color: Any, planes: dict[str, Any]) -> Frame:
     """A Frame from a Frame, or from a colour array and keyword planes."""
@@ -271,9 +257,10 @@ def denoise(
     depth_variance: Any = None,
     color_a: Any = None,
     color_b: Any = None,
-    method: str | None = None,
+    method: str = DEFAULT_METHOD,
     device: str | int | cl.Device | None = None,
     out: Any = None,
+    details: bool = False,
     **parameters: Any,
 ) -> Any:
     """Denoise one Monte Carlo rendering.
@@ -284,14 +271,15 @@ def denoise(
             the host.
         albedo, normal, depth, color_variance, albedo_variance, normal_variance, depth_variance, color_a, color_b:
             further planes of the frame where `frame_or_color` is an array; see `Frame`.
-        method: a name of `methods()`; None: `regression` where more than the colour is there,
-            else `nlm`.
+        method: a name of `methods()`.
         device: index, part of a name, or `pyopencl.Device`, for NumPy input; None: the default device.
         out: an array of the same shape and side to write the result to.
+        details: return a `Denoised`, with the maps of what was used where and of the estimated error.
         **parameters: the method's, by name: see `methods()`.
 
     Returns:
-        The clean image, (H, W, 3), scene-linear, of the colour's dtype, on the side the frame came from.
+        The clean image, (H, W, 3), scene-linear, of the colour's dtype, on the side the frame came from; with
+        `details` a `Denoised` that holds it.
 
     Raises:
         FrameError: the planes do not fit together, or the method needs one that is missing.
@@ -327,9 +315,10 @@ def denoise(
             raise DeviceError("color has no queue to run on: pass color.with_queue(queue)")
     denoiser = Denoiser(
         *frame.shape,
-        method=method or default_method(frame.planes()),
+        method=method,
         device=device,
         queue=queue,
         **parameters,
     )
-    return denoiser(frame, out=out)
+    image = denoiser(frame, out=out)
+    return Denoised(image, denoiser.model_map, denoiser.error_map, denoiser.report) if details else image

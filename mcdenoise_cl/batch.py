@@ -12,12 +12,13 @@ from typing import Any
 
 import pyopencl as cl
 
-from .api import Denoiser, Report
+from .api import Denoiser
 from .choose import pick_device
+from .details import Report
 from .errors import ExrError, FrameError
 from .exr import read_exr, write_exr
 from .frame import Frame
-from .methods import default_method, get_method
+from .methods import DEFAULT_METHOD, get_method
 from .methods.parameters import make
 from .quiet import hushed
 
@@ -62,7 +63,7 @@ def denoise_file(
     source: StrPath,
     target: StrPath,
     *,
-    method: str | None = None,
+    method: str = DEFAULT_METHOD,
     device: str | int | cl.Device | None = None,
     layers: Mapping[str, str] | None = None,
     samples_per_pixel: int | None = None,
@@ -73,7 +74,7 @@ def denoise_file(
 
     Args:
         source, target: the file to read and the file to write, which must not be the same.
-        method: a name of `methods()`; None: the best for the planes that are found.
+        method: a name of `methods()`.
         device: index, part of a name, or `pyopencl.Device`; None: the default device.
         layers, samples_per_pixel: as for `read_exr`.
         overwrite: write over an existing target.
@@ -90,7 +91,7 @@ def denoise_file(
         ...     write_exr(folder + "/noisy.exr", np.ones((8, 8, 3), np.float32))
         ...     outcome = denoise_file(folder + "/noisy.exr", folder + "/clean.exr", search_radius=2)
         >>> outcome.report.method, dict(outcome.layers)
-        ('nlm', {'color': 'RGB'})
+        ('auto', {'color': 'RGB'})
     """
     source, target = Path(source), Path(target)
     if _identity(target) in {_identity(source)} - {None}:
@@ -103,7 +104,7 @@ def denoise_files(
     sources: Iterable[StrPath],
     folder: StrPath,
     *,
-    method: str | None = None,
+    method: str = DEFAULT_METHOD,
     device: str | int | cl.Device | None = None,
     layers: Mapping[str, str] | None = None,
     samples_per_pixel: int | None = None,
@@ -130,8 +131,7 @@ def denoise_files(
     """
     sources, folder = [Path(source) for source in sources], Path(folder)
     _check_targets(sources, folder)
-    if method is not None:
-        make(get_method(method).make, method, parameters)
+    make(get_method(method).make, method, parameters)
     denoisers = _Denoisers(method, pick_device(device).device, parameters)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -171,21 +171,20 @@ def check_target(target: StrPath, overwrite: bool) -> None:
 
 
 class _Denoisers:
-    """Makes the `Denoiser` for a frame, and hands out the last one again where the frame has its size and method.
+    """Makes the `Denoiser` for a frame, and hands out the last one again where the frame has its size.
 
     Only the last one is kept: each holds device memory for a whole frame.
     """
 
-    def __init__(self, method: str | None, device: Any, parameters: Mapping[str, Any]) -> None:
+    def __init__(self, method: str, device: Any, parameters: Mapping[str, Any]) -> None:
         self._method, self._device, self._parameters = method, device, parameters
         self._last: Denoiser | None = None
 
     def for_frame(self, frame: Frame) -> Denoiser:
-        method = self._method or default_method(frame.planes())
         last = self._last
-        if last is None or (last.height, last.width, last.method.name) != (*frame.shape, method):
+        if last is None or (last.height, last.width) != frame.shape:
             self._last = last = None  # its memory goes before the next one asks for its own
-            self._last = Denoiser(*frame.shape, method=method, device=self._device, **self._parameters)
+            self._last = Denoiser(*frame.shape, method=self._method, device=self._device, **self._parameters)
         return self._last
 
 

@@ -27,7 +27,8 @@ from .console import (
 from .device import list_devices
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
-from .methods.parameters import ParameterInfo, parse
+from .methods import DEFAULT_METHOD, get_method
+from .methods.parameters import parse
 from .quiet import hushed
 
 # batch, demo, exr, metrics, render and report are imported by the commands that use them: they take their time.
@@ -93,7 +94,7 @@ def mcdenoise(context: click.Context) -> None:
 @click.option(
     "--method",
     type=click.Choice([method.name for method in methods()]),
-    help="See `mcdenoise methods`; default: the best for the planes that are found.",
+    help=f"See `mcdenoise methods`; default: {DEFAULT_METHOD}.",
 )
 @click.option("--set", "pairs", multiple=True, metavar="NAME=VALUE", help="A parameter: see `mcdenoise methods`.")
 @click.option(
@@ -130,8 +131,13 @@ def denoise(
     """
     from . import batch
 
-    options = {"method": method, "layers": _layers(layers), "samples_per_pixel": samples, "overwrite": force}
-    options |= _parameters(method, pairs) | {"device": _device(device)}
+    options = {
+        "method": method or DEFAULT_METHOD,
+        "layers": _layers(layers),
+        "samples_per_pixel": samples,
+        "overwrite": force,
+    }
+    options |= _parameters(method or DEFAULT_METHOD, pairs) | {"device": _device(device)}
     is_folder = Path(inputs[0]).is_dir()
     if len(inputs) > 1 and any(Path(name).is_dir() for name in inputs):
         raise _usage("there is a folder among several inputs, but one folder or several files are needed")
@@ -290,30 +296,15 @@ def _device(choice: str | None) -> Any:
         raise _usage(str(error)) from error
 
 
-def _parameters(method: str | None, pairs: Sequence[str]) -> dict[str, Any]:
-    """Values by name from NAME=VALUE; without a method, a value must suit any that knows its name."""
-    known: dict[str, list[ParameterInfo]] = {}
-    for candidate in methods():
-        if method in (None, candidate.name):
-            for info in candidate.parameters:
-                known.setdefault(info.name, []).append(info)
+def _parameters(method: str, pairs: Sequence[str]) -> dict[str, Any]:
+    """Values by name from NAME=VALUE."""
+    known = {info.name: info for info in get_method(method).parameters}
     values = {}
     for name, text in _split("--set", "NAME=VALUE", pairs):
         if name not in known:
-            owner = f"method {method} has" if method else "the methods have"
-            raise _usage(f"--set has {name!r}, but {owner} the parameters {', '.join(known)}")
-        values[name] = _value(known[name], text)
+            raise _usage(f"--set has {name!r}, but method {method} has the parameters {', '.join(known)}")
+        values[name] = parse(known[name], text)
     return values
-
-
-def _value(candidates: Sequence[ParameterInfo], text: str) -> Any:
-    errors = []
-    for info in candidates:
-        try:
-            return parse(info, text)
-        except ParameterError as error:
-            errors.append(error)
-    raise errors[0]
 
 
 def _layers(pairs: Sequence[str]) -> dict[str, str]:

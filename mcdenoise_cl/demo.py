@@ -30,7 +30,7 @@ METHODS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "nlm": ("NLM", "nlm", {}),
     "ssim-nlm-printed": ("SSIM-NLM as printed", "ssim-nlm", {"stabilised": False}),
     "ssim-nlm": ("SSIM-NLM", "ssim-nlm", {}),
-    "regression": ("regression", "regression", {}),
+    "auto": ("auto", "auto", {}),
 }
 #: What stands above the table in the report.
 ABOUT = """\

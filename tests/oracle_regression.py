@@ -9,27 +9,38 @@ function does not name its channels. Windows and offsets are those of `oracle`: 
 from __future__ import annotations
 
 import numpy as np
-from oracle import auto_exposure, box_mean, neighbours, offsets, pad, reflect_index, shifted
+from oracle import box_mean, luminance, neighbours, offsets, pad, reflect_index, shifted
 
 #: Added to the sum of two variances, so that the distance of two noise-free pixels is finite.
 VARIANCE_FLOOR = 1e-8
 
-#: On the diagonal of the normal equations, per unit of weight: a term that is constant in the window drops out.
-LEAST_RIDGE = 1e-8
+#: The columns and rows of the blocks that share their choice of features.
+BLOCK_COLUMNS, BLOCK_ROWS = 32, 8
+
+#: A feature serves a block where its variance is above this ...
+LEAST_VARIANCE = 1e-8
+
+#: ... and above this many times the variance of its own noise.
+LEAST_SIGNAL = 2.0
 
 # --- Outliers and variances -------------------------------------------------------------------------------
 
 
-def outliers(color: np.ndarray, limit: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def outliers(
+    color: np.ndarray, limit: float = 1.0, variance: np.ndarray | None = None, significant: float = np.inf
+) -> tuple[np.ndarray, np.ndarray]:
     """Scale each pixel so that its largest channel is at most `limit` times that of its 8 neighbours.
 
-    Returns the scaled image and the factor (H, W): 1 where l <= limit · max(m, 0), else limit · max(m, 0) / l.
+    Returns the scaled image and the factor (H, W): 1 where l <= b, b = limit · max(m, 0), or where l - b is more than
+    `significant` times the square root of the sum of the channels' variances; else b / l.
     """
     color = np.asarray(color, dtype=np.float64)
     largest = color.max(axis=-1)
     window = neighbours(largest, 1)
     bound = limit * np.maximum(np.delete(window, 4, axis=0).max(axis=0), 0.0)
     over = largest > bound
+    if variance is not None and np.isfinite(significant):
+        over &= ~(largest - bound > significant * np.sqrt(np.maximum(np.float64(variance).sum(axis=-1), 0.0)))
     factor = np.where(over, bound / np.where(over, largest, 1.0), 1.0)
     return factor[..., None] * color, factor
 
@@ -50,23 +61,24 @@ def variance_from_image(color: np.ndarray) -> np.ndarray:
 # --- Variance-aware distance ------------------------------------------------------------------------------
 
 
-def _channel_mean(image: np.ndarray) -> np.ndarray:
-    return image if image.ndim == 2 else image.mean(axis=-1)
+def _channel_sum(image: np.ndarray) -> np.ndarray:
+    return image if image.ndim == 2 else image.sum(axis=-1)
 
 
 def variance_distance(color: np.ndarray, variance: np.ndarray, dx: int, dy: int, patch_radius: int) -> np.ndarray:
     """Rousselle et al. (2012), d² between the patches around i and i + (dx, dy) less what noise explains, (H, W).
 
-    Each pixel of a patch adds ((x - y)² - (v + min(v, u))) / (v + u + 1e-8); mean over channels and patch, then
-    at least 0. Both images are mirrored before, so a patch over the border reads mirrored pixels.
+    Each pixel of a patch adds (Σ_c (x - y)² - (V + min(V, U))) / (V + U + 1e-8), V and U the variances summed over
+    the channels (a variance of one channel is that sum); mean over the patch, then at least 0. Both images are
+    mirrored before, so a patch over the border reads mirrored pixels.
     """
     margin = patch_radius + max(abs(dx), abs(dy))
-    padded, padded_variance = pad(color, margin), pad(variance, margin)
+    padded, padded_variance = pad(color, margin), pad(_channel_sum(np.asarray(variance, dtype=np.float64)), margin)
     terms = []
     for px, py in offsets(patch_radius):
         x, y = shifted(padded, margin, px, py), shifted(padded, margin, px + dx, py + dy)
         v, u = shifted(padded_variance, margin, px, py), shifted(padded_variance, margin, px + dx, py + dy)
-        terms.append(_channel_mean(((x - y) ** 2 - (v + np.minimum(v, u))) / (v + u + VARIANCE_FLOOR)))
+        terms.append((_channel_sum((x - y) ** 2) - (v + np.minimum(v, u))) / (v + u + VARIANCE_FLOOR))
     return np.maximum(np.mean(terms, axis=0), 0.0)
 
 
@@ -83,7 +95,7 @@ def depth_feature(depth: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, 
 
 
 def prefilter(
-    feature: np.ndarray, variance: np.ndarray, search_radius: int = 3, patch_radius: int = 1
+    feature: np.ndarray, variance: np.ndarray, search_radius: int = 2, patch_radius: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
     """Non-local means of a feature on its own variance (Rousselle et al. 2013), and the variance that is left.
 
@@ -93,7 +105,7 @@ def prefilter(
     feature = np.asarray(feature, dtype=np.float64)
     v = box_mean(np.minimum(variance, 1.0), 1)
     distances = [variance_distance(feature, v, dx, dy, patch_radius) for dx, dy in offsets(search_radius)]
-    weights = np.exp(-np.stack(distances))
+    weights = np.maximum(0.0, 1.0 - np.stack(distances) / 4.0) ** 4
     if feature.ndim == 3:
         weights = weights[..., None]
     z = weights.sum(axis=0)
@@ -102,6 +114,46 @@ def prefilter(
 
 
 # --- Regression -------------------------------------------------------------------------------------------
+
+
+def regression_weight(
+    guide: np.ndarray, variance: np.ndarray, dx: int, dy: int, *, patch_radius: int, k: float
+) -> np.ndarray:
+    """w = mean of max(0, 1 - d / (4 k²))⁴ over two `variance_distance` d: of patch_radius and of its half, (H, W).
+
+    Near exp(-d / k²) (Rousselle et al. 2012) where d is small, and 0 from d = 4 k² on.
+    """
+    distances = [variance_distance(guide, variance, dx, dy, radius) for radius in (patch_radius, patch_radius // 2)]
+    return np.mean([np.maximum(0.0, 1.0 - d / (4.0 * k**2)) ** 4 for d in distances], axis=0)
+
+
+def terms_of_blocks(features: np.ndarray, noise: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which features carry something: (mean μ, variance s, used) of the block of every pixel, each (H, W, F).
+
+    μ and s are those of the block and `reach` pixels around it in the mirrored image, a block at the right or the
+    lower border whole; n is the mean of `noise` over the pixels of the block. Used where s > 1e-8 and s > 2 n.
+    """
+    features, noise = np.asarray(features, dtype=np.float64), np.asarray(noise, dtype=np.float64)
+    height, width = features.shape[:2]
+    mean, variance, left = np.empty((3, *features.shape))
+    for y0 in range(0, height, BLOCK_ROWS):
+        for x0 in range(0, width, BLOCK_COLUMNS):
+            rows = reflect_index(np.arange(y0 - reach, y0 + BLOCK_ROWS + reach), height)
+            columns = reflect_index(np.arange(x0 - reach, x0 + BLOCK_COLUMNS + reach), width)
+            region = features[rows][:, columns]
+            block = np.s_[y0 : y0 + BLOCK_ROWS, x0 : x0 + BLOCK_COLUMNS]
+            mean[block] = region.mean(axis=(0, 1))
+            variance[block] = region.var(axis=(0, 1))
+            left[block] = noise[block].mean(axis=(0, 1))
+    return mean, variance, (variance > LEAST_VARIANCE) & (variance > LEAST_SIGNAL * left)
+
+
+def ridge_fit(m: np.ndarray, r: np.ndarray, ridge: float, rho: np.ndarray) -> np.ndarray:
+    """The first row of M⁻¹ R, the fit at the pixel itself; M_aa becomes M_aa (1 + ridge) + M_00 ρ_a for a > 0."""
+    m = m.copy()
+    for a in range(1, m.shape[-1]):
+        m[..., a, a] += ridge * m[..., a, a] + m[..., 0, 0] * rho[..., a - 1]
+    return np.linalg.solve(m, r)[..., 0, :]
 
 
 def first_order_regression(
@@ -113,55 +165,69 @@ def first_order_regression(
     *,
     search_radius: int,
     patch_radius: int,
+    stride: int = 1,
     k: float,
     ridge: float,
     noise_ridge: float,
     position_ridge: float,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """NFOR (Bitterli et al. 2016): fit `color` over the window, linear in features and position, read it at i.
 
-    Weights exp(-d / k²), d the `variance_distance` of the guide, mean over patch_radius and patch_radius // 2;
-    terms (1, f_j - f_i, dx / S, dy / S). `features`
-    and `feature_variance` are (H, W, F), F any number; None is none. Ridges on the diagonal of M = Σ w t tᵀ, then
-    M z = e0 and the result is zᵀ Σ w t colorᵀ.
+    M = Σ w t tᵀ, R = Σ w t colorᵀ over the offsets (dx, dy) · stride, |dx|, |dy| <= S; w the `regression_weight` of
+    the guide; terms t = (1, f_j - f_i, dx / S, dy / S), features that their block does not use left out. The ridge ρ
+    is noise_ridge · v + 5e-5 (s + (f_i - μ)²) + 1e-9 for a feature of variance v, position_ridge + 1e-9 for the
+    positions.
+    Returns that fit, and the inner one: of the offsets |dx|, |dy| <= S // 2 alone, in the same terms.
+    `features` and `feature_variance` are (H, W, F), F any number; None is none. `color` has 3 columns or 4, the
+    fourth a half difference: of either sign, where a colour may only be negative if the pixel itself is.
     """
     color = np.asarray(color, dtype=np.float64)
-    height, width, channels = color.shape
+    height, width, columns = color.shape
     features = np.zeros((height, width, 0)) if features is None else np.asarray(features, dtype=np.float64)
     if feature_variance is None:
         feature_variance = np.zeros(features.shape)
-    count = features.shape[-1]
-    size = 1 + count + 2
-    span = max(search_radius, 1)
-    padded_features, padded_color = pad(features, search_radius), pad(color, search_radius)
+    reach, span = search_radius * stride, max(search_radius, 1)
+    mean, variance, used = terms_of_blocks(features, feature_variance, reach)
+    padded_features, padded_color = pad(features, reach), pad(color, reach)
 
-    m = np.zeros((height, width, size, size))
-    r = np.zeros((height, width, size, channels))
+    size = 1 + features.shape[-1] + 2
+    m, inner_m = np.zeros((2, height, width, size, size))
+    r, inner_r = np.zeros((2, height, width, size, columns))
     for dx, dy in offsets(search_radius):
-        w = np.mean(
-            [
-                np.exp(-variance_distance(color_guide, guide_variance, dx, dy, radius) / k**2)
-                for radius in (patch_radius, patch_radius // 2)
-            ],
-            axis=0,
-        )
-        t = np.empty((height, width, size))
-        t[..., 0] = 1.0
-        t[..., 1 : 1 + count] = shifted(padded_features, search_radius, dx, dy) - features
-        t[..., -2] = dx / span
-        t[..., -1] = dy / span
-        m += w[..., None, None] * t[..., :, None] * t[..., None, :]
-        r += w[..., None, None] * t[..., :, None] * shifted(padded_color, search_radius, dx, dy)[..., None, :]
+        j = dx * stride, dy * stride
+        w = regression_weight(color_guide, guide_variance, *j, patch_radius=patch_radius, k=k)[..., None, None]
+        t = np.ones((height, width, size))
+        # A term that is 0 over the window has the coefficient 0: the fit without it.
+        t[..., 1:-2] = np.where(used, shifted(padded_features, reach, *j) - features, 0.0)
+        t[..., -2:] = dx / span, dy / span
+        square = w * t[..., :, None] * t[..., None, :]
+        product = w * t[..., :, None] * shifted(padded_color, reach, *j)[..., None, :]
+        m, r = m + square, r + product
+        if max(abs(dx), abs(dy)) <= search_radius // 2:
+            inner_m, inner_r = inner_m + square, inner_r + product
 
-    total = m[..., 0, 0].copy()
-    for q in range(1, size):
-        own = noise_ridge * feature_variance[..., q - 1] if q <= count else position_ridge
-        m[..., q, q] += ridge * m[..., q, q] + total * (own + LEAST_RIDGE)
-    first = np.zeros((height, width, size, 1))
-    first[..., 0, 0] = 1.0
-    z = np.linalg.solve(m, first)
-    # A fit may overshoot below 0, where light cannot be; only a pixel that is negative itself may stay so.
-    return np.maximum((z * r).sum(axis=-2), np.minimum(color, 0.0))
+    rho = np.full((height, width, size - 1), position_ridge + 1e-9)
+    rho[..., :-2] = noise_ridge * feature_variance + 5e-5 * (variance + (features - mean) ** 2) + 1e-9
+    fits = ridge_fit(m, r, ridge, rho), ridge_fit(inner_m, inner_r, ridge, rho)
+    for fit in fits:
+        # A fit may overshoot below 0, where light cannot be; only a pixel that is negative itself may stay so.
+        fit[..., :3] = np.maximum(fit[..., :3], np.minimum(color[..., :3], 0.0))
+    return fits
+
+
+def second_pass(
+    first: np.ndarray, features: np.ndarray | None, feature_variance: np.ndarray | None, **options
+) -> np.ndarray:
+    """`first_order_regression`, with these options, of what one gave: `first`, colour F and half difference d.
+
+    The guide is F; its variance, summed over the channels, d² min(Σ_c F_c² / max(Y(F)², 1e-12), 1 / 0.0722²), Y the
+    luminance: all channels as noisy as the luminance, in proportion, which is largest for blue. Mean of that over
+    7x7 pixels.
+    """
+    guide, d = np.asarray(first[..., :3], dtype=np.float64), np.asarray(first[..., 3], dtype=np.float64)
+    colored = np.minimum((guide**2).sum(axis=-1) / np.maximum(luminance(guide) ** 2, 1e-12), 1.0 / 0.0722**2)
+    variance = box_mean(d**2 * colored, 3)
+    return first_order_regression(guide, variance[..., None], features, feature_variance, first, **options)[0]
 
 
 # --- The energy of the outliers ---------------------------------------------------------------------------
@@ -195,83 +261,3 @@ def spread_removed(image: np.ndarray, removed: np.ndarray, radius: int) -> np.nd
     share = light.mean(axis=-1)
     gain = 1.0 + share / 2.0 / np.maximum(np.maximum(level, share), 1e-9)
     return one * gain[..., None]
-
-
-# --- The whole method -------------------------------------------------------------------------------------
-
-
-def denoise_regression(
-    color: np.ndarray,
-    *,
-    search_radius: int,
-    patch_radius: int,
-    k: float,
-    ridge: float,
-    noise_ridge: float,
-    position_ridge: float,
-    albedo: np.ndarray | None = None,
-    normal: np.ndarray | None = None,
-    depth: np.ndarray | None = None,
-    color_variance: np.ndarray | None = None,
-    albedo_variance: np.ndarray | None = None,
-    normal_variance: np.ndarray | None = None,
-    depth_variance: np.ndarray | None = None,
-    color_a: np.ndarray | None = None,
-    color_b: np.ndarray | None = None,
-    outlier_limit: float | None = 1.0,
-    spread_radius: int = 50,
-    exposure: float | None = None,
-) -> np.ndarray:
-    """Expose, hold back outliers, prefilter the features, `first_order_regression`, give the light back.
-
-    After NFOR (Bitterli et al. 2016), one pass. The color variance is the one given, else from the two halves,
-    else from the image itself. `outlier_limit` None leaves the outliers in. All planes finite.
-    """
-    color = np.asarray(color, dtype=np.float64)
-    height, width = color.shape[:2]
-    e = auto_exposure(color) if exposure is None else exposure
-    c = e * color
-    if color_variance is not None:
-        variance = e**2 * np.asarray(color_variance, dtype=np.float64)
-    elif color_a is not None and color_b is not None:
-        variance = variance_from_halves(
-            e * np.asarray(color_a, dtype=np.float64), e * np.asarray(color_b, dtype=np.float64)
-        )
-    else:
-        variance = variance_from_image(c)
-    kept = c
-    if outlier_limit is not None:
-        kept, factor = outliers(c, outlier_limit)
-        variance = variance * factor[..., None] ** 2
-    variance = box_mean(variance, 2)
-
-    groups = []
-    if albedo is not None:
-        groups.append((np.clip(np.asarray(albedo, dtype=np.float64), 0.0, 1.0), albedo_variance))
-    if normal is not None:
-        groups.append((np.asarray(normal, dtype=np.float64), normal_variance))
-    if depth is not None:
-        d, v = depth_feature(depth, np.zeros((height, width)) if depth_variance is None else depth_variance)
-        groups.append((d[..., None], None if depth_variance is None else v[..., None]))
-    features, feature_variance = [np.zeros((height, width, 0))], [np.zeros((height, width, 0))]
-    for plane, noise in groups:
-        plane, left = (plane, np.zeros(plane.shape)) if noise is None else prefilter(plane, noise)
-        features.append(plane)
-        feature_variance.append(left)
-
-    out = first_order_regression(
-        kept,
-        variance,
-        np.concatenate(features, axis=-1),
-        np.concatenate(feature_variance, axis=-1),
-        kept,
-        search_radius=search_radius,
-        patch_radius=patch_radius,
-        k=k,
-        ridge=ridge,
-        noise_ridge=noise_ridge,
-        position_ridge=position_ridge,
-    )
-    if outlier_limit is not None:
-        out = spread_removed(out, c - kept, spread_radius)
-    return out / e

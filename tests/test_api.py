@@ -12,7 +12,7 @@ from test_stages import close
 from mcdenoise_cl import Denoiser, DeviceError, Frame, FrameError, ParameterError, denoise
 from mcdenoise_cl.device import context_for
 
-METHODS = ["nlm", "ssim-nlm", "regression"]
+METHODS = ["nlm", "ssim-nlm", "regression", "auto", "guided"]
 
 
 def scene(height=31, width=64, seed=0):
@@ -169,7 +169,7 @@ def test_report():
 def test_threads_may_share_a_denoiser_or_have_their_own():
     frames = [Frame(**scene(seed=seed)) for seed in range(4)]
     expected = [denoise(frame) for frame in frames]
-    shared = Denoiser(31, 64, method="regression")
+    shared = Denoiser(31, 64)
     failures = []
 
     def work(index, denoiser):
@@ -192,7 +192,7 @@ def test_threads_may_share_a_denoiser_or_have_their_own():
     [
         (lambda s: denoise(s["color"], method="ssim-nlm"), FrameError, "needs albedo"),
         (lambda s: denoise(s["color"], albdo=s["albedo"]), ParameterError, "albdo"),
-        (lambda s: denoise(s["color"], method="x"), ParameterError, "one of nlm, ssim-nlm, regression"),
+        (lambda s: denoise(s["color"], method="x"), ParameterError, "one of nlm, ssim-nlm, regression, auto, guided"),
         (lambda s: denoise(Frame(s["color"]), albedo=s["albedo"]), FrameError, "put every plane into the Frame"),
         (lambda s: denoise((255 * s["color"]).astype(np.uint8)), FrameError, "carry no scale"),
         (lambda s: denoise(s["color"].tolist()), FrameError, "list"),

@@ -22,7 +22,7 @@ from mcdenoise_cl.cli import main
 from mcdenoise_cl.device import list_devices
 from mcdenoise_cl.exr import read_exr, write_exr
 from mcdenoise_cl.frame import PLANES, Frame
-from mcdenoise_cl.methods import default_method
+from mcdenoise_cl.methods import DEFAULT_METHOD
 
 COMMAND = str(Path(sys.executable).parent / "mcdenoise")
 H, W = 24, 32
@@ -105,9 +105,8 @@ def test_start_imports_nothing_slow():
 def test_denoise_a_file(noisy, tmp_path):
     said = notes("denoise", noisy, "-o", tmp_path / "clean.exr")
     frame, clean = read_exr(noisy), read_exr(tmp_path / "clean.exr")
-    method = default_method(frame.planes())
     used = r"from color=RGB, albedo=albedo, normal=N.* in \d+ ms on"
-    assert re.fullmatch(rf".*clean.exr: {method} {used} {re.escape(pick_device().name)} .*\n", said)
+    assert re.fullmatch(rf".*clean.exr: {DEFAULT_METHOD} {used} {re.escape(pick_device().name)} .*\n", said)
     np.testing.assert_array_equal(clean.color, denoise(frame))
     assert set(clean.planes()) == set(frame.planes())
 
@@ -125,10 +124,11 @@ def test_denoise_options(noisy, tmp_path):
     # Where the default falls back to the colour alone its user should know.
     alone = ["--layer", "normal=", "--layer", "albedo=none", "--layer", "depth=none"]
     said = notes("denoise", noisy, "-o", out / "b.exr", *alone, *SMALL)
-    assert "b.exr: nlm from color=RGB in" in said and "note: nothing but the colour was found" in said
-    # A value that only some of the methods take: the range of search_radius differs.
-    notes("denoise", noisy, "-o", out / "d.exr", *alone, "--set", "search_radius=11")
-    said = notes("denoise", noisy, "-o", out / "c.exr", "--layer", "albedo=N", "--set", "stabilised=off", *FAST)
+    assert f"b.exr: {DEFAULT_METHOD} from color=RGB in" in said and "note: nothing but the colour was found" in said
+    stabilised = ["--method", "ssim-nlm"]
+    said = notes(
+        "denoise", noisy, "-o", out / "c.exr", *stabilised, "--layer", "albedo=N", "--set", "stabilised=off", *FAST
+    )
     assert "c.exr: ssim-nlm from color=RGB, albedo=N, normal=N" in said
     swapped = Frame(frame.color, frame.normal, frame.normal)
     wanted = denoise(swapped, method="ssim-nlm", stabilised=False, **small)
@@ -402,12 +402,12 @@ def test_demo(tmp_path):
     options = ["--out", out, "--width", 48, "--height", 32, "--spp", 4, "--reference-spp", 8]
     table = run("demo", *options, DRJIT_LIBLLVM_PATH="none")  # a tiny picture takes less time than compiling for LLVM
     assert [line.split("|")[1].strip() for line in table.splitlines()[2:]] == [
-        "input, 4 spp", "NLM", "SSIM-NLM as printed", "SSIM-NLM", "regression"
+        "input, 4 spp", "NLM", "SSIM-NLM as printed", "SSIM-NLM", "auto"
     ]  # fmt: skip
     assert "time, ms" in table
     text = (out / "report.md").read_text(encoding="utf-8")
     assert text.startswith("# mcdenoise demo\n") and table in text + "\n"
-    frames = ["nlm.exr", "noisy.exr", "reference.exr", "regression.exr", "ssim-nlm-printed.exr", "ssim-nlm.exr"]
+    frames = ["auto.exr", "nlm.exr", "noisy.exr", "reference.exr", "ssim-nlm-printed.exr", "ssim-nlm.exr"]
     assert sorted(path.name for path in out.glob("*.exr")) == frames
     for name in frames:
         assert read_exr(out / name).shape == (32, 48)

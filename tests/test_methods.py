@@ -5,12 +5,13 @@ from dataclasses import asdict
 import inputs
 import numpy as np
 import oracle
-import oracle_regression
+import oracle_auto
 import pytest
+from test_auto import options_of
 from test_stages import close
 
 from mcdenoise_cl import ParameterError, denoise, methods
-from mcdenoise_cl.methods import default_method, get_method
+from mcdenoise_cl.methods import get_method
 from mcdenoise_cl.methods.parameters import make, parse
 from mcdenoise_cl.render import render
 
@@ -93,7 +94,7 @@ def test_a_frame_with_holes():
 def test_denoising_brings_a_noisy_image_closer_to_the_truth():
     noisy, truth = inputs.features(96, 128), inputs.features(96, 128, noise=0.0)["color"]
     errors = {}
-    for method in ("nlm", "ssim-nlm", "regression"):
+    for method in ("nlm", "ssim-nlm", "regression", "auto", "guided"):
         clean = denoise(noisy["color"], albedo=noisy["albedo"], normal=noisy["normal"], method=method)
         errors[method] = np.mean((clean - truth) ** 2 / (truth**2 + 0.01))
     before = np.mean((noisy["color"] - truth) ** 2 / (truth**2 + 0.01))
@@ -127,12 +128,6 @@ def test_negative_colors_survive():
     clean = denoise(color, method="nlm")
     assert clean.max() < -0.15
     assert clean.std() < 0.5 * color.std()
-
-
-def test_defaults_follow_the_planes():
-    assert default_method({"color": 1, "albedo": 1, "normal": 1}) == "regression"
-    assert default_method({"color": 1, "color_variance": 1}) == "regression"
-    assert default_method({"color": 1}) == "nlm"
 
 
 def test_every_parameter_explains_itself():
@@ -181,7 +176,7 @@ def test_parsing_of_the_command_line():
 
 
 def test_unknown_method():
-    with pytest.raises(ParameterError, match="'bm3d' but one of nlm, ssim-nlm, regression"):
+    with pytest.raises(ParameterError, match="'bm3d' but one of nlm, ssim-nlm, regression, auto, guided"):
         get_method("bm3d")
 
 
@@ -203,9 +198,12 @@ def test_ssim_nlm_on_a_rendering(rendering):
 
 
 def test_regression_on_a_rendering(rendering):
-    names = ("patch_radius", "ridge", "noise_ridge", "position_ridge", "outlier_limit", "spread_radius")
-    options = asdict(get_method("regression").make())
-    options = {name: options[name] for name in names} | {"search_radius": 4, "k": options["bandwidth"]}
-    planes = {name: plane for name, plane in rendering.planes().items() if name not in ("color_a", "color_b")}
-    expected = oracle_regression.denoise_regression(**planes, **options)
+    options = asdict(get_method("regression").make()) | {"search_radius": 4}
+    del options["outliers"]
+    expected = oracle_auto.denoise_regression(rendering.color, rendering.planes(), **options)
     close(denoise(rendering, method="regression", search_radius=4), expected, tolerance=2e-4)
+
+
+def test_auto_on_a_rendering(rendering):
+    image, _, _ = oracle_auto.denoise_auto(rendering.color, rendering.planes(), **options_of(search_radius=4))
+    close(denoise(rendering, method="auto", search_radius=4), image, tolerance=5e-4)

@@ -43,12 +43,14 @@ def loop_mean(image: np.ndarray, radius: int) -> np.ndarray:
     return out
 
 
-def loop_outliers(color: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
+def loop_outliers(color, limit: float, variance=None, significant: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
     scaled, factor = color.astype(np.float64), np.ones(color.shape[:2])
     for y, x in np.ndindex(factor.shape):
         around = [max(at(color, y + dy, x + dx)) for dy, dx in window(1) if (dy, dx) != (0, 0)]
         largest, bound = float(max(color[y, x])), limit * max(*around, 0.0)
-        if largest > bound:
+        # Without noise nothing is by chance, unless nothing is ever significant.
+        sigmas = significant * np.sqrt(sum(variance[y, x])) if np.isfinite(significant) else np.inf
+        if bound < largest <= bound + sigmas:
             factor[y, x] = bound / largest
             scaled[y, x] *= factor[y, x]
     return scaled, factor
@@ -65,50 +67,91 @@ def loop_image_variance(color: np.ndarray) -> np.ndarray:
 
 
 def loop_distance(color, variance, y: int, x: int, dy: int, dx: int, patch_radius: int) -> float:
-    terms = []
+    total = 0.0
     for py, px in window(patch_radius):
         first, second = at(color, y + py, x + px), at(color, y + py + dy, x + px + dx)
-        v, u = at(variance, y + py, x + px), at(variance, y + py + dy, x + px + dx)
-        for a, b, va, vb in zip(*map(np.atleast_1d, (first, second, v, u)), strict=True):
-            terms.append(((a - b) ** 2 - (va + min(va, vb))) / (va + vb + 1e-8))
-    return max(sum(terms) / len(terms), 0.0)
+        v, u = np.sum(at(variance, y + py, x + px)), np.sum(at(variance, y + py + dy, x + px + dx))
+        total += (np.sum((first - second) ** 2) - (v + min(v, u))) / (v + u + 1e-8)
+    return max(total / (2 * patch_radius + 1) ** 2, 0.0)
 
 
 def loop_prefilter(feature, variance, search_radius: int, patch_radius: int) -> tuple[np.ndarray, np.ndarray]:
     v = loop_mean(np.minimum(np.float64(variance), 1.0), 1)
     filtered, left = np.zeros(feature.shape), np.zeros(feature.shape)
     for y, x in np.ndindex(feature.shape[:2]):
-        w = {o: np.exp(-loop_distance(feature, v, y, x, *o, patch_radius)) for o in window(search_radius)}
+        distances = {o: loop_distance(feature, v, y, x, *o, patch_radius) for o in window(search_radius)}
+        w = {o: max(0.0, 1.0 - d / 4.0) ** 4 for o, d in distances.items()}
         total = sum(w.values())
         filtered[y, x] = sum(w[dy, dx] / total * at(feature, y + dy, x + dx) for dy, dx in w)
         left[y, x] = sum((w[dy, dx] / total) ** 2 * at(v, y + dy, x + dx) for dy, dx in w)
     return filtered, left
 
 
+def loop_terms(plane, noise, y: int, x: int, reach: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, variance and use of the features in the block of one pixel."""
+    rows, columns = range(y - y % 8, y - y % 8 + 8), range(x - x % 32, x - x % 32 + 32)
+    around = [
+        at(plane, j, i)
+        for j in range(rows.start - reach, rows.stop + reach)
+        for i in range(columns.start - reach, columns.stop + reach)
+    ]
+    inside = [noise[j, i] for j, i in np.ndindex(noise.shape[:2]) if j in rows and i in columns]
+    mean, variance = np.mean(around, axis=0), np.var(around, axis=0)
+    return mean, variance, (variance > 1e-8) & (variance > 2.0 * np.mean(inside, axis=0))
+
+
+def loop_weight(guide, variance, y: int, x: int, dy: int, dx: int, patch_radius: int, k: float) -> float:
+    distances = (loop_distance(guide, variance, y, x, dy, dx, r) for r in (patch_radius, patch_radius // 2))
+    return sum(max(0.0, 1.0 - d / (4.0 * k * k)) ** 4 for d in distances) / 2.0
+
+
+def ridge_least_squares(rows, targets, weights, ridge, per_weight) -> np.ndarray:
+    """The constant term of a weighted least-squares problem, the ridges among its rows."""
+    second = weights @ rows[:, 1:] ** 2
+    penalty = np.diag(np.sqrt(ridge * second + weights.sum() * per_weight))
+    left = np.vstack([np.sqrt(weights)[:, None] * rows, np.hstack([np.zeros((len(second), 1)), penalty])])
+    right = np.vstack([np.sqrt(weights)[:, None] * targets, np.zeros((len(second), targets.shape[1]))])
+    # Columns of unit length, so that no cut-off of small singular values takes a term away.
+    length = np.linalg.norm(left, axis=0)
+    return np.linalg.lstsq(left / length, right, rcond=None)[0][0] / length[0]
+
+
 def loop_regression(
-    guide, variance, plane, noise, color, *, search_radius, patch_radius, k, ridge, noise_ridge, position_ridge
+    guide,
+    variance,
+    plane,
+    noise,
+    color,
+    *,
+    search_radius,
+    patch_radius,
+    k,
+    ridge,
+    noise_ridge,
+    position_ridge,
+    stride=1,
 ) -> np.ndarray:
-    """Ridges as rows of a weighted least-squares problem; the value at the pixel is the constant term."""
-    out = np.zeros(color.shape)
+    """Both fits, the whole and the inner one, of least squares over the features that are used."""
+    out = np.zeros((2, *color.shape))
     span = max(search_radius, 1)
+    taps = window(search_radius)
+    inner = np.array([max(abs(dy), abs(dx)) <= search_radius // 2 for dy, dx in taps])
+    steps = [(dy * stride, dx * stride) for dy, dx in taps]
+    blocks = {}
     for y, x in np.ndindex(color.shape[:2]):
-        rows, targets, weights = [], [], []
-        for dy, dx in window(search_radius):
-            wide, narrow = (loop_distance(guide, variance, y, x, dy, dx, r) for r in (patch_radius, patch_radius // 2))
-            weights.append((np.exp(-wide / k**2) + np.exp(-narrow / k**2)) / 2)
-            rows.append([1.0, *(at(plane, y + dy, x + dx) - at(plane, y, x)), dx / span, dy / span])
-            targets.append(at(color, y + dy, x + dx))
-        rows, targets, weights = np.array(rows), np.array(targets), np.array(weights)
-        per_weight = np.array([*(noise_ridge * noise[y, x]), position_ridge, position_ridge]) + 1e-8
-        second = weights @ rows[:, 1:] ** 2
-        penalty = np.hstack([np.zeros((len(second), 1)), np.diag(np.sqrt(ridge * second + weights.sum() * per_weight))])
-        left = np.vstack([np.sqrt(weights)[:, None] * rows, penalty])
-        right = np.vstack([np.sqrt(weights)[:, None] * targets, np.zeros((len(second), color.shape[-1]))])
-        # Columns of unit length, so that no cut-off of small singular values takes a term away.
-        length = np.linalg.norm(left, axis=0)
-        solution = np.linalg.lstsq(left / length, right, rcond=None)[0]
-        for c in range(color.shape[-1]):  # no light below 0 but where the pixel itself is
-            out[y, x, c] = max(solution[0, c] / length[0], min(color[y, x, c], 0.0))
+        if (y // 8, x // 32) not in blocks:
+            blocks[y // 8, x // 32] = loop_terms(plane, noise, y, x, search_radius * stride)
+        mean, spread, used = blocks[y // 8, x // 32]
+        own = noise_ridge * noise[y, x] + 5e-5 * (spread + (plane[y, x] - mean) ** 2) + 1e-9
+        per_weight = np.array([*own[used], position_ridge + 1e-9, position_ridge + 1e-9])
+        changes = [(at(plane, y + dy, x + dx) - plane[y, x])[used] for dy, dx in steps]
+        rows = np.array([[1.0, *f, dx / span, dy / span] for f, (dy, dx) in zip(changes, taps, strict=True)])
+        targets = np.array([at(color, y + dy, x + dx) for dy, dx in steps])
+        weights = np.array([loop_weight(guide, variance, y, x, *step, patch_radius, k) for step in steps])
+        for fit, part in zip(out, (slice(None), inner), strict=True):
+            fit[y, x] = ridge_least_squares(rows[part], targets[part], weights[part], ridge, per_weight)
+            for c in range(3):  # no light below 0 but where the pixel itself is
+                fit[y, x, c] = max(fit[y, x, c], min(color[y, x, c], 0.0))
     return out
 
 
@@ -126,6 +169,19 @@ def test_outliers_match_a_loop(kind, size, limit):
         assert factor.shape == size and (factor >= 0.0).all() and (factor <= 1.0).all()
         assert_close(scaled, expected, 1e-12)
         assert_close(factor, expected_factor, 1e-12)
+
+
+@pytest.mark.parametrize("significant", [0.5, 2.0, np.inf])
+@pytest.mark.parametrize("size", SMALL)
+def test_outliers_of_significance_stay(size, significant):
+    color, variance = (np.float64(planes("hdr", *size, 3, seed=s)) for s in (0, 1))
+    variance[0] = 0.0
+    scaled, factor = ora.outliers(color, 1.0, variance, significant)
+    expected, expected_factor = loop_outliers(color, 1.0, variance, significant)
+    assert_close(scaled, expected, 1e-12)
+    assert_close(factor, expected_factor, 1e-12)
+    if significant == np.inf:
+        assert np.array_equal(scaled, ora.outliers(color)[0])
 
 
 def test_outliers_touch_only_what_exceeds_every_neighbour():
@@ -227,6 +283,18 @@ def test_variance_distance_takes_the_smaller_variance_off():
     np.testing.assert_allclose(there[0, 1], (9.0 - 0.5) / 1.25)
 
 
+def test_variance_distance_takes_the_variances_of_the_channels_together():
+    color, variance = planes("hdr", 6, 7, 3), 0.3 * planes("uniform", 6, 7, 3, seed=1)
+    distance = ora.variance_distance(color, variance, 2, 1, 1)
+    total = np.float64(variance).sum(axis=-1, keepdims=True)
+    assert_close(ora.variance_distance(color, total, 2, 1, 1), distance, 1e-12)
+    assert_close(ora.variance_distance(color, variance[..., ::-1], 2, 1, 1), distance, 1e-6)
+    # A channel without noise does not outweigh the others.
+    color, variance = np.zeros((1, 2, 3)), np.zeros((1, 2, 3))
+    color[0, 1, 1], variance[..., 0] = 1.0, 0.5
+    np.testing.assert_allclose(ora.variance_distance(color, variance, 1, 0, 0), 0.0)
+
+
 # --- Features ---------------------------------------------------------------------------------------------
 
 
@@ -279,9 +347,9 @@ def test_prefilter_matches_a_loop(size, channels):
 
 def test_prefilter_defaults_and_cap():
     feature, variance = planes("uniform", 6, 7, 3), 3.0 * planes("uniform", 6, 7, 3, seed=1)
-    for one, other in zip(ora.prefilter(feature, variance), ora.prefilter(feature, variance, 3, 1), strict=True):
+    for one, other in zip(ora.prefilter(feature, variance), ora.prefilter(feature, variance, 2, 1), strict=True):
         assert np.array_equal(one, other)
-    for one, other in zip(ora.prefilter(feature, variance), loop_prefilter(feature, variance, 3, 1), strict=True):
+    for one, other in zip(ora.prefilter(feature, variance), loop_prefilter(feature, variance, 2, 1), strict=True):
         assert_close(one, other, 1e-12)
     for one, other in zip(
         ora.prefilter(feature, variance), ora.prefilter(feature, np.minimum(variance, 1.0)), strict=True
@@ -292,7 +360,7 @@ def test_prefilter_defaults_and_cap():
 def test_prefilter_of_a_constant_takes_the_mean_of_all():
     filtered, left = ora.prefilter(np.full((9, 9, 3), 0.4), np.full((9, 9, 3), 0.01))
     np.testing.assert_allclose(filtered, 0.4, rtol=1e-12)
-    np.testing.assert_allclose(left, 0.01 / 49.0, rtol=1e-12)
+    np.testing.assert_allclose(left, 0.01 / 25.0, rtol=1e-12)
 
 
 def test_prefilter_leaves_a_clean_feature_alone():
@@ -315,78 +383,187 @@ def test_prefilter_removes_noise_and_keeps_an_edge():
     assert np.abs(filtered - clean).max() < 0.2
 
 
+# --- Which features serve ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [*SMALL, (9, 40)])
+@pytest.mark.parametrize("reach", [0, 2, 9])
+def test_terms_of_blocks_match_a_loop(size, reach):
+    plane = np.concatenate([planes(kind, *size, 1) for kind in ("uniform", "constant", "textured")], axis=-1)
+    noise = 0.06 * np.float64(planes("uniform", *size, 3, seed=1)) ** 2
+    terms = ora.terms_of_blocks(plane, noise, reach)
+    for y in range(0, size[0], 3):
+        for x in range(0, size[1], 5):
+            for image, expected in zip(terms, loop_terms(plane, noise, y, x, reach), strict=True):
+                np.testing.assert_allclose(image[y, x], expected, atol=1e-12)
+
+
+def test_a_feature_that_is_constant_or_its_own_noise_serves_no_block():
+    rng = np.random.default_rng(0)
+    ramp = np.arange(64.0) / 64.0 * np.ones((32, 1))
+    white = rng.normal(0.0, 0.1, (32, 64))
+    plane = np.stack([np.full((32, 64), 0.1), white, white, ramp, ramp + white], axis=-1)
+    noise = np.broadcast_to([0.0, 0.1**2, 0.1**2 / 3.0, 0.0, 0.0], plane.shape)
+    mean, _, used = ora.terms_of_blocks(plane, noise, 0)
+    assert not used[..., :2].any() and used[..., 2:].all()
+    np.testing.assert_allclose(mean[0, [0, 31, 32, 63], 3], (0.2422, 0.2422, 0.7422, 0.7422), atol=1e-4)
+
+
+def test_a_feature_serves_the_blocks_that_its_change_is_within_reach_of():
+    plane = np.zeros((16, 100, 1))
+    plane[:, 34:] = 1.0
+    clean = np.zeros(plane.shape)
+    used = ora.terms_of_blocks(plane, clean, 2)[2]
+    assert not used[:, :32].any() and used[:, 32:64].all() and not used[:, 64:].any()
+    assert ora.terms_of_blocks(plane, clean, 3)[2][0, :64].all()
+    plane[:] = 0.0
+    plane[10:] = 1.0
+    used = ora.terms_of_blocks(plane, clean, 2)[2]
+    assert not used[:8].any() and used[8:].all()
+    assert ora.terms_of_blocks(plane, clean, 3)[2].all()
+    # A last block of few pixels is filled with mirrored ones, here zeros.
+    plane = np.zeros((8, 33, 1))
+    plane[:, 32] = 1.0
+    mean, variance, used = ora.terms_of_blocks(plane, np.zeros(plane.shape), 0)
+    np.testing.assert_allclose(mean[0, [0, 32], 0], (0.0, 1.0 / 32.0))
+    np.testing.assert_allclose(variance[0, [0, 32], 0], (0.0, 31.0 / 32.0**2))
+    assert not used[:, :32].any() and used[:, 32].all()
+
+
 # --- Regression -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("distance", "expected"), [(0.0, 1.0), (1.0, 0.75**4), (2.0, 0.5**4), (4.0, 0.0), (9.0, 0.0)])
+def test_regression_weight_ends_at_four(distance, expected):
+    k = 0.7
+    step = np.zeros((1, 2, 1))
+    step[0, 1] = np.sqrt(2.0 * distance * k**2 + 2.0)
+    weights = ora.regression_weight(step, np.ones(step.shape), 1, 0, patch_radius=0, k=k)
+    np.testing.assert_allclose(weights, expected, atol=1e-7)
 
 
 @pytest.mark.parametrize("size", SMALL)
 @pytest.mark.parametrize("count", [0, 1, 4])
-@pytest.mark.parametrize("radii", [(0, 0), (1, 1), (2, 1)])
-def test_regression_matches_least_squares(size, count, radii):
+@pytest.mark.parametrize("windows", [(0, 0, 1), (1, 1, 1), (2, 1, 1), (2, 1, 3)])
+def test_regression_matches_least_squares(size, count, windows):
     color = planes("hdr", *size, 3)
     guide = np.float64(planes("uniform", *size, 3, seed=2))
     variance = 0.05 * planes("uniform", *size, 3, seed=3)
     plane = np.float64(planes("uniform", *size, max(count, 1), seed=4))[..., :count]
-    noise = 0.1 * np.float64(planes("uniform", *size, max(count, 1), seed=5))[..., :count]
-    options = {"search_radius": radii[0], "patch_radius": radii[1], "k": 0.8} | RIDGES
-    fitted = ora.first_order_regression(guide, variance, plane, noise, color, **options)
-    assert_close(fitted, loop_regression(guide, variance, plane, noise, color, **options), 1e-9)
+    noise = np.float64(planes("uniform", *size, max(count, 1), seed=5))[..., :count] * (0.1, 0.01, 0.0, 0.04)[:count]
+    options = dict(zip(("search_radius", "patch_radius", "stride"), windows, strict=True)) | {"k": 0.8} | RIDGES
+    fits = ora.first_order_regression(guide, variance, plane, noise, color, **options)
+    for fitted, expected in zip(fits, loop_regression(guide, variance, plane, noise, color, **options), strict=True):
+        assert_close(fitted, expected, 1e-9)
 
 
 @pytest.mark.parametrize("ridge", [0.0, 0.3])
 @pytest.mark.parametrize("noise_ridge", [0.0, 5.0])
-@pytest.mark.parametrize("position_ridge", [0.0, 2.0])
+@pytest.mark.parametrize("position_ridge", [0.0, 1e-6, 2.0])
 def test_every_ridge_matches_least_squares(ridge, noise_ridge, position_ridge):
     scene = features(6, 7)
     plane = np.concatenate([scene["albedo"], scene["depth"][..., None]], axis=-1).astype(np.float64)
     noise = 0.02 * np.float64(planes("uniform", 6, 7, 4))
     color, variance = scene["color"], 0.05 * planes("uniform", 6, 7, 3)
     options = WINDOWS | {"ridge": ridge, "noise_ridge": noise_ridge, "position_ridge": position_ridge}
-    fitted = ora.first_order_regression(color, variance, plane, noise, color, **options)
-    assert_close(fitted, loop_regression(color, variance, plane, noise, color, **options), 1e-7)
+    fits = ora.first_order_regression(color, variance, plane, noise, color, **options)
+    for fitted, expected in zip(fits, loop_regression(color, variance, plane, noise, color, **options), strict=True):
+        assert_close(fitted, expected, 1e-7)
 
 
 def test_regression_reproduces_what_is_linear_in_features_and_position():
     y, x = np.mgrid[:13, :17].astype(np.float64)
     plane = np.float64(planes("uniform", 13, 17, 3))
-    color = plane @ np.random.default_rng(0).normal(size=(3, 3)) + 0.5
+    color = plane @ np.random.default_rng(0).normal(size=(3, 3)) + 5.0
     guide, variance = planes("uniform", 13, 17, 3, seed=1), np.full((13, 17, 3), 0.1)
-    options = {"search_radius": 3, "patch_radius": 1, "k": 1.0, "ridge": 0.0, "noise_ridge": 1.0, "position_ridge": 0.0}
+    options = {"search_radius": 6, "patch_radius": 1, "k": 1.0}
+    options |= {"ridge": 0.0, "noise_ridge": 1.0, "position_ridge": 0.0}
     clean = np.zeros(plane.shape)
-    fitted = ora.first_order_regression(guide, variance, plane, clean, color, **options)
-    np.testing.assert_allclose(fitted, color, atol=1e-5)
+    for fitted in ora.first_order_regression(guide, variance, plane, clean, color, **options):
+        np.testing.assert_allclose(fitted, color, atol=4e-4)
     color += (0.1 * x - 0.2 * y)[..., None]
-    fitted = ora.first_order_regression(guide, variance, plane, clean, color, **options)
-    np.testing.assert_allclose(fitted[3:-3, 3:-3], color[3:-3, 3:-3], atol=1e-5)
+    for fitted in ora.first_order_regression(guide, variance, plane, clean, color, **options):
+        np.testing.assert_allclose(fitted[6:-6, 6:-6], color[6:-6, 6:-6], atol=4e-4)
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_regression_reproduces_a_ramp_in_a_feature_and_averages_without_it(stride):
+    ramp = (np.arange(40.0) / 40.0 * np.ones((12, 1)))[..., None]
+    color = np.repeat(3.0 - 2.0 * ramp, 3, axis=-1)
+    alike = np.zeros(color.shape), np.ones(color.shape)
+    options = {"search_radius": 4, "patch_radius": 1, "stride": stride, "k": 1.0}
+    options |= {"ridge": 1e-6, "noise_ridge": 1.0, "position_ridge": 1e9}
+    for fitted in ora.first_order_regression(*alike, ramp, 0.0 * ramp, color, **options):
+        np.testing.assert_allclose(fitted, color, atol=2e-3)
+    # With noise enough the ramp is not used, and at the border the mean leans inward.
+    fitted, inner = ora.first_order_regression(*alike, ramp, 1.0 + ramp, color, **options)
+    for fit, radius in ((fitted, 4), (inner, 2)):
+        away = np.abs(np.arange(-radius, radius + 1)).mean() * stride
+        np.testing.assert_allclose((color - fit)[:, 0], 2.0 * away / 40.0, rtol=1e-6)
 
 
 def test_regression_reproduces_a_constant_under_any_ridge():
-    plane, color = np.float64(planes("textured", 6, 7, 4)), np.full((6, 7, 3), (0.1, 2.0, 30.0))
+    plane, color = np.float64(planes("textured", 6, 7, 4)), np.full((6, 7, 4), (0.1, 2.0, 30.0, -0.5))
     guide, variance = planes("hdr", 6, 7, 3), planes("uniform", 6, 7, 3)
-    fitted = ora.first_order_regression(guide, variance, plane, 0.1 * plane, color, **WINDOWS, **RIDGES)
-    np.testing.assert_allclose(fitted, color, rtol=1e-10)
+    for fitted in ora.first_order_regression(guide, variance, plane, 0.1 * plane, color, **WINDOWS, **RIDGES):
+        np.testing.assert_allclose(fitted, color, rtol=1e-10)
 
 
 def test_great_ridges_leave_non_local_means():
     color, variance = planes("uniform", 6, 7, 3), 0.05 * planes("uniform", 6, 7, 3, seed=1)
     plane = np.float64(planes("uniform", 6, 7, 2, seed=2))
-    options = WINDOWS | {"ridge": 0.0, "noise_ridge": 1e9, "position_ridge": 1e9}
-    fitted = ora.first_order_regression(color, variance, plane, np.ones(plane.shape), color, **options)
-    wide, narrow = (
-        np.stack([np.exp(-ora.variance_distance(color, variance, dx, dy, r) / 0.8**2) for dx, dy in oracle.offsets(2)])
-        for r in (1, 0)
-    )
-    expected = oracle.weighted_mean(color, (wide + narrow) / 2, 2)
-    np.testing.assert_allclose(fitted, expected, atol=1e-7)
+    options = WINDOWS | {"ridge": 0.0, "noise_ridge": 1e10, "position_ridge": 1e9}
+    fits = ora.first_order_regression(color, variance, plane, np.full(plane.shape, 0.01), color, **options)
+    for fitted, radius in zip(fits, (2, 1), strict=True):
+        weights = [
+            ora.regression_weight(color, variance, dx, dy, patch_radius=1, k=0.8) for dx, dy in oracle.offsets(radius)
+        ]
+        np.testing.assert_allclose(fitted, oracle.weighted_mean(color, np.stack(weights), radius), atol=1e-7)
 
 
 def test_regression_without_features():
     color, variance = planes("uniform", 6, 7, 3), 0.05 * planes("uniform", 6, 7, 3, seed=1)
     none = ora.first_order_regression(color, variance, None, None, color, **WINDOWS, **RIDGES)
     empty = np.zeros((6, 7, 0))
-    assert np.array_equal(none, ora.first_order_regression(color, variance, empty, empty, color, **WINDOWS, **RIDGES))
-    constant = np.ones((6, 7, 2))
-    useless = ora.first_order_regression(color, variance, constant, 0.0 * constant, color, **WINDOWS, **RIDGES)
-    np.testing.assert_allclose(none, useless, rtol=1e-10)
+    useless = np.concatenate([np.ones((6, 7, 1)), planes("uniform", 6, 7, 1, seed=2)], axis=-1)
+    noise = np.full(useless.shape, 1.0 / 12.0)
+    for plane, left in ((empty, empty), (useless, noise)):
+        fits = ora.first_order_regression(color, variance, plane, left, color, **WINDOWS, **RIDGES)
+        for fitted, expected in zip(fits, none, strict=True):
+            np.testing.assert_allclose(fitted, expected, rtol=1e-12)
+    with_feature = ora.first_order_regression(color, variance, useless, 0.0 * noise, color, **WINDOWS, **RIDGES)
+    assert not np.allclose(with_feature[0], none[0])
+
+
+def test_the_inner_fit_is_that_of_half_the_window_in_the_units_of_the_whole():
+    """In units of the whole a position is half as long, so that its ridge weighs four times as much."""
+    ridge = 0.05 + 1e-9  # with what is always added
+    color, variance = planes("uniform", 9, 11, 3), 0.2 * planes("uniform", 9, 11, 3, seed=1)
+    options = {"patch_radius": 1, "k": 1.0, "ridge": 0.1, "noise_ridge": 0.0}
+    for stride in (1, 2):
+        options["stride"] = stride
+        inner = ora.first_order_regression(
+            color, variance, None, None, color, search_radius=4, position_ridge=0.05, **options
+        )[1]
+        small = ora.first_order_regression(
+            color, variance, None, None, color, search_radius=2, position_ridge=4.0 * ridge - 1e-9, **options
+        )[0]
+        np.testing.assert_allclose(inner, small, rtol=1e-10)
+        other = ora.first_order_regression(
+            color, variance, None, None, color, search_radius=2, position_ridge=0.05, **options
+        )[0]
+        assert not np.allclose(inner, other, rtol=1e-4)
+
+
+def test_a_stride_sees_every_third_pixel():
+    """Patches of one pixel: the fit of an image of every third pixel, mirrored at the same places."""
+    color, variance = planes("uniform", 13, 19, 3), 0.2 * planes("uniform", 13, 19, 3, seed=1)
+    options = {"search_radius": 3, "patch_radius": 0, "k": 1.0} | RIDGES
+    whole = ora.first_order_regression(color, variance, None, None, color, stride=3, **options)
+    every = np.s_[::3, ::3]
+    part = ora.first_order_regression(color[every], variance[every], None, None, color[every], **options)
+    for fitted, expected in zip(whole, part, strict=True):
+        np.testing.assert_allclose(fitted[every], expected, rtol=1e-12)
 
 
 def test_regression_is_linear_in_the_color_and_reads_its_guide():
@@ -395,12 +572,67 @@ def test_regression_is_linear_in_the_color_and_reads_its_guide():
     a, b = np.float64(planes("hdr", 6, 7, 3, seed=3)), np.float64(planes("step", 6, 7, 3))
 
     def fit(color, guide=guide):
-        return ora.first_order_regression(guide, variance, plane, 0.01 * plane, color, **WINDOWS, **RIDGES)
+        return ora.first_order_regression(guide, variance, plane, 0.01 * plane, color, **WINDOWS, **RIDGES)[0]
 
     far = 1e4  # so far above 0 that its clamp does nothing
     assert_close(fit(2.0 * a - b + far), 2.0 * fit(a + far) - fit(b + far), 1e-10)
     assert fit(a - a.mean()).min() >= min(a.min() - a.mean(), 0.0)
     assert not np.allclose(fit(a), fit(a, guide=b))
+
+
+def test_a_fourth_column_is_fitted_alike_and_may_be_negative():
+    guide, variance = planes("uniform", 6, 7, 3), 0.2 * planes("uniform", 6, 7, 3, seed=1)
+    plane, color = np.float64(planes("uniform", 6, 7, 2, seed=2)), np.float64(planes("hdr", 6, 7, 3, seed=3))
+    both = np.concatenate([color, -color[..., :1]], axis=-1)
+    options = WINDOWS | RIDGES
+    three = ora.first_order_regression(guide, variance, plane, 0.01 * plane, color, **options)
+    four = ora.first_order_regression(guide, variance, plane, 0.01 * plane, both, **options)
+    for without, fitted in zip(three, four, strict=True):
+        np.testing.assert_allclose(fitted[..., :3], without, rtol=1e-12)
+        assert fitted[..., :3].min() >= 0.0
+        held = fitted[..., 0] == 0.0
+        np.testing.assert_allclose(fitted[..., 3][~held], -fitted[..., 0][~held], rtol=1e-10)
+        assert (fitted[..., 3][held] >= 0.0).all()
+
+
+# --- The second pass --------------------------------------------------------------------------------------
+
+SECOND = {"search_radius": 2, "patch_radius": 1, "stride": 2, "k": 1.5} | RIDGES
+
+
+def test_second_pass_is_a_regression_on_its_own_guide():
+    size = (6, 7)
+    first = np.concatenate([planes("uniform", *size, 3), planes("uniform", *size, 1, seed=1) - 0.5], axis=-1)
+    first = first.astype(np.float64)
+    first[1, 2, :3], first[1, 3, :3], first[4, 4, :3] = 0.0, 2e-5, 2e-7
+    # Light of blue alone is all of 1 / 0.0722² noisier; with channels below 0 it would be more, and is not.
+    first[2, 1, :3], first[3, 5, :3] = (0.0, 0.0, 0.4), (0.3, -0.08, 0.1)
+    plane, noise = np.float64(planes("uniform", *size, 2, seed=2)), np.full((*size, 2), 0.01)
+    spread = np.zeros((*size, 1))
+    for y, x in np.ndindex(size):
+        light = max(first[y, x, :3] @ (0.2126, 0.7152, 0.0722), 1e-6)
+        colored = min(sum((c / light) ** 2 for c in first[y, x, :3]), 1.0 / 0.0722**2)
+        spread[y, x] = first[y, x, 3] ** 2 * colored
+    expected, _ = loop_regression(first[..., :3], loop_mean(spread, 3), plane, noise, first, **SECOND)
+    assert_close(ora.second_pass(first, plane, noise, **SECOND), expected, 1e-9)
+
+
+def test_second_pass_evens_out_what_the_half_difference_explains():
+    rng = np.random.default_rng(0)
+    halves = 0.5 + 0.03 * rng.normal(size=(2, 48, 48))
+    halves[:, :, 24:] += 1.0
+    truth = np.where(np.arange(48) < 24, 0.5, 1.5)
+    color, d = (halves[0] + halves[1]) / 2, (halves[0] - halves[1]) / 2
+    first = np.stack([color, color, color, d], axis=-1)
+    options = SECOND | {"search_radius": 3, "stride": 3}
+    second = ora.second_pass(first, None, None, **options)
+    assert ((second[..., 0] - truth) ** 2).mean() < 0.15 * ((color - truth) ** 2).mean()
+    # The half difference of what comes out still tells its variance, and the edge stays.
+    np.testing.assert_allclose((second[..., 3] ** 2).mean(), ((second[..., 0] - truth) ** 2).mean(), rtol=0.3)
+    assert np.abs(second[..., 0] - truth).max() < 0.1
+    # Without any noise only equals are averaged.
+    first = np.concatenate([planes("uniform", 9, 9, 3), np.zeros((9, 9, 1))], axis=-1)
+    np.testing.assert_allclose(ora.second_pass(first, None, None, **SECOND), first, rtol=1e-6)
 
 
 # --- The energy of the outliers ---------------------------------------------------------------------------
@@ -446,101 +678,3 @@ def test_spread_removed_gives_all_light_back():
     image = 0.5 + 0.1 * np.float64(planes("uniform", 61, 61, 3))
     light = (ora.spread_removed(image, removed, 4) - image).sum(axis=(0, 1)).mean()
     np.testing.assert_allclose(light, 20.0, rtol=0.02)
-
-
-# --- The whole method -------------------------------------------------------------------------------------
-
-
-def loop_denoise(color, e, variance, parts, limit, spread_radius, **options) -> np.ndarray:
-    """The steps in order, from loops; `variance` that of e · color, `parts` pairs of a feature and its variance."""
-    c = e * np.float64(color)
-    kept, factor = (c, np.ones(c.shape[:2])) if limit is None else loop_outliers(c, limit)
-    variance = loop_mean(variance * factor[..., None] ** 2, 2)
-    pairs = [(p, np.zeros(p.shape)) if v is None else loop_prefilter(p, v, 3, 1) for p, v in parts]
-    plane = np.concatenate([np.zeros((*c.shape[:2], 0)), *(p for p, _ in pairs)], axis=-1)
-    noise = np.concatenate([np.zeros((*c.shape[:2], 0)), *(v for _, v in pairs)], axis=-1)
-    out = loop_regression(kept, variance, plane, noise, kept, **options)
-    return (out if limit is None else ora.spread_removed(out, c - kept, spread_radius)) / e
-
-
-@pytest.mark.parametrize("limit", [None, 1.0, 1.5])
-@pytest.mark.parametrize("noise", ["image", "halves", "given", "all"])
-def test_denoise_matches_the_loops(noise, limit):
-    size = (6, 7)
-    scene = {name: np.float64(plane) for name, plane in features(*size).items()}
-    color = scene.pop("color")
-    color[2, 3] *= 50.0
-    scene["albedo"] *= 1.5
-    e = 0.18 / scipy.stats.gmean(oracle.luminance(color).ravel())
-    given = {}
-    variances = dict.fromkeys(("albedo", "normal", "depth"))
-    if noise == "image":
-        variance = loop_image_variance(e * color)
-    elif noise == "halves":
-        half = 0.3 * color * np.float64(planes("uniform", *size, 3))
-        given = {"color_a": color + half, "color_b": color - half}
-        variance = (e * half) ** 2
-    else:
-        given["color_variance"] = 0.1 * color**2
-        variance = e**2 * given["color_variance"]
-        # Halves give way to a variance.
-        given |= {"color_a": color, "color_b": 2.0 * color}
-    if noise == "all":
-        variances["albedo"] = 4e-4 * (1.0 + np.float64(planes("uniform", *size, 3)))
-        variances["normal"] = 2e-3 * (1.0 + np.float64(planes("uniform", *size, 3, seed=1)))
-        variances["depth"] = 0.01 * (1.0 + np.float64(planes("uniform", *size, seed=2)))
-    given |= {f"{name}_variance": v for name, v in variances.items() if v is not None}
-
-    scale = scipy.stats.gmean(scene["depth"].ravel())
-    z = scene["depth"]
-    parts = [
-        (np.clip(scene["albedo"], 0.0, 1.0), variances["albedo"]),
-        (scene["normal"], variances["normal"]),
-        ((z / (z + scale))[..., None], None),
-    ]
-    if noise == "all":
-        parts[2] = (parts[2][0], (variances["depth"] * scale**2 / (z + scale) ** 4)[..., None])
-    options = WINDOWS | RIDGES
-    denoised = ora.denoise_regression(color, **scene, **given, **options, outlier_limit=limit, spread_radius=3)
-    assert_close(denoised, loop_denoise(color, e, variance, parts, limit, 3, **options), 1e-8)
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_denoise_takes_any_size_and_set_of_features(size):
-    scene = features(*size)
-    color = scene.pop("color")
-    for names in ((), ("albedo",), ("normal", "depth"), tuple(scene)):
-        denoised = ora.denoise_regression(color, **{name: scene[name] for name in names}, **WINDOWS, **RIDGES)
-        assert denoised.shape == color.shape and np.isfinite(denoised).all()
-
-
-def test_denoise_keeps_a_constant_and_follows_the_exposure():
-    constant = np.full((9, 8, 3), (0.2, 0.5, 1.5))
-    np.testing.assert_allclose(ora.denoise_regression(constant, **WINDOWS, **RIDGES), constant, rtol=1e-9)
-    scene = {name: np.float64(plane) for name, plane in features(9, 8).items()}
-    color = scene.pop("color")
-    one = ora.denoise_regression(color, **scene, **WINDOWS, **RIDGES)
-    assert_close(ora.denoise_regression(1000.0 * color, **scene, **WINDOWS, **RIDGES) / 1000.0, one, 1e-9)
-    set_by_hand = ora.denoise_regression(color, **scene, **WINDOWS, **RIDGES, exposure=oracle.auto_exposure(color))
-    assert np.array_equal(set_by_hand, one)
-    defaults = {"outlier_limit": 1.0, "spread_radius": 50, "exposure": None}
-    assert np.array_equal(ora.denoise_regression(color, **scene, **WINDOWS, **RIDGES, **defaults), one)
-    # The image's own noise sets the distances, so that the exposure acts only beside the constant 1e-8.
-    other = ora.denoise_regression(color, **scene, **WINDOWS, **RIDGES, exposure=1e-4)
-    assert np.abs(other - one).max() > 1e-3
-
-
-def test_denoise_removes_noise_and_fireflies_and_keeps_the_light():
-    scene, clean = features(31, 64), features(31, 64, noise=0.0)["color"].astype(np.float64)
-    color = scene.pop("color")
-    options = {"search_radius": 4, "patch_radius": 2, "k": 0.7} | RIDGES
-
-    def error(image):
-        return np.mean((image - clean) ** 2 / (clean**2 + 0.01))
-
-    with_features = ora.denoise_regression(color, **scene, **options)
-    alone = ora.denoise_regression(color, **options)
-    assert error(with_features) < 0.05 * error(color)
-    assert error(with_features) < error(alone) < error(color)
-    assert error(with_features) < error(ora.denoise_regression(color, **scene, **options, outlier_limit=None))
-    np.testing.assert_allclose(with_features.mean(), color.mean(), rtol=0.05)

@@ -3,6 +3,7 @@
 import inputs
 import numpy as np
 import oracle
+import oracle_auto
 import oracle_regression as theory
 import pytest
 from test_stages import close
@@ -11,9 +12,9 @@ from transfer import scalars, to_array, to_planes
 from mcdenoise_cl import Frame, denoise
 from mcdenoise_cl.stages import outliers, variance
 from mcdenoise_cl.stages.exposure import inverse_geometric_mean
-from mcdenoise_cl.stages.pad import pad, stack
 from mcdenoise_cl.stages.prefilter import prefilter
 from mcdenoise_cl.stages.regression import first_order_regression
+from mcdenoise_cl.stages.terms import choose_terms
 
 CASES = [pytest.param(image, id=name) for name, image in inputs.images(3)]
 SMALL = [pytest.param(image, id=name) for name, image in inputs.images(3) if image.shape[0] < 30]
@@ -28,14 +29,15 @@ def noise(image, seed=1):
 
 
 @pytest.mark.parametrize("image", CASES)
-@pytest.mark.parametrize("limit", [1.0, 2.5])
-def test_outliers(engine, image, limit):
+@pytest.mark.parametrize(("limit", "significant"), [(1.0, np.inf), (2.5, np.inf), (1.0, 2.0)])
+def test_outliers(engine, image, limit, significant):
     image = image - 0.1
-    expected, factor = theory.outliers(image, limit)
+    expected, factor = theory.outliers(image, limit, noise(image), significant)
     color, spread = to_planes(engine, image), to_planes(engine, noise(image))
-    removed = outliers.scale_outliers(engine, color, spread, limit)
+    removed, scaled = outliers.scale_outliers(engine, color, spread, limit, significant)
     close(to_array(engine, color), expected)
     close(to_array(engine, removed), image - expected, scale=np.abs(image).max())
+    close(to_array(engine, scaled), factor)
     close(to_array(engine, spread), noise(image) * factor[..., None] ** 2)
 
 
@@ -52,7 +54,7 @@ def test_the_energy_of_a_firefly_is_kept(engine):
     image = np.full((80, 80, 3), 0.5, np.float32)
     image[40, 40] = 20.0
     color, spread = to_planes(engine, image), to_planes(engine, np.zeros_like(image))
-    removed = outliers.scale_outliers(engine, color, spread, 1.0)
+    removed, _ = outliers.scale_outliers(engine, color, spread, 1.0, np.inf)
     out = to_array(engine, outliers.spread_removed(engine, color, removed, 8))
     assert out.sum() == pytest.approx(image.sum(), rel=1e-3)
     assert out.max() < 0.7
@@ -102,30 +104,81 @@ def test_prefilter(engine, height, width, channels):
     close(to_array(engine, left), expected_left, tolerance=2e-5)
 
 
+def both_regressions(engine, color, spread, features, left, fitted, *, search, patch, stride, bandwidth, ridges):
+    """Fits of the window and of its middle, by the device and by the equations."""
+    terms = None
+    if features is not None:
+        terms = choose_terms(engine, to_planes(engine, features), to_planes(engine, left), search * stride)
+    window = {"search_radius": search, "patch_radius": patch, "stride": stride}
+    got = first_order_regression(
+        engine,
+        to_planes(engine, color),
+        to_planes(engine, spread.sum(-1)),
+        terms,
+        to_planes(engine, fitted),
+        **window,
+        bandwidth=bandwidth,
+        with_inner=True,
+        **ridges,
+    )
+    expected = theory.first_order_regression(color, spread, features, left, fitted, **window, k=bandwidth, **ridges)
+    return [to_array(engine, planes) for planes in got], expected
+
+
 @pytest.mark.parametrize(("height", "width"), SIZES)
 @pytest.mark.parametrize("kind", inputs.KINDS)
-@pytest.mark.parametrize(("search", "patch", "names"), [(2, 1, ("albedo", "normal")), (4, 2, ("normal",)), (3, 0, ())])
-def test_first_order_regression(engine, kind, height, width, search, patch, names):
+@pytest.mark.parametrize(
+    ("search", "patch", "stride", "names"),
+    [(2, 1, 1, ("albedo", "normal")), (4, 2, 1, ("normal",)), (3, 0, 1, ()), (3, 1, 3, ("albedo", "normal"))],
+)
+def test_first_order_regression(engine, kind, height, width, search, patch, stride, names):
     color = np.minimum(inputs.planes(kind, height, width, 3), 20)
     spread = noise(color)
+    difference = 0.1 * (inputs.planes("uniform", height, width, 1, seed=5) - 0.5)
     scene = inputs.features(height, width, seed=3)
     features = left = None
-    planes = None
     if names:
         features = np.concatenate([scene[name] for name in names], axis=-1)
         left = 0.01 * np.abs(features)
-        planes = (
-            stack(engine, [to_planes(engine, scene[name]) for name in names], search),
-            stack(engine, [to_planes(engine, 0.01 * np.abs(scene[name])) for name in names], 0),
-        )
-    border = search + patch
-    windows = {"search_radius": search, "patch_radius": patch}
-    padded = pad(engine, to_planes(engine, color), border)
-    padded_spread = pad(engine, to_planes(engine, spread), border)
-    out = first_order_regression(engine, padded, padded_spread, planes, padded, **windows, bandwidth=0.8, **RIDGES)
-    expected = theory.first_order_regression(color, spread, features, left, color, **windows, k=0.8, **RIDGES)
-    # The normal equations are solved in float32; their condition multiplies its rounding.
-    close(to_array(engine, out), expected, tolerance=1e-4)
+    fitted = np.concatenate([color, difference], axis=-1)
+    window = {"search": search, "patch": patch, "stride": stride, "bandwidth": 0.8, "ridges": RIDGES}
+    got, expected = both_regressions(engine, color, spread, features, left, fitted, **window)
+    for one, other in zip(got, expected, strict=True):
+        # The normal equations are solved in float32; their condition multiplies its rounding.
+        close(one, other, tolerance=1e-4)
+
+
+def test_features_that_carry_nothing_are_left_out(engine):
+    """One constant, one of noise alone, one constant in the left half only; 64x24 pixels are 2x3 blocks."""
+    rng = np.random.default_rng(0)
+    features = np.zeros((24, 64, 3), np.float32)
+    features[..., 0] = 0.7
+    features[..., 1] = 0.1 * rng.standard_normal((24, 64))
+    features[:, 40:, 2] = rng.random((24, 24))
+    left = np.zeros_like(features)
+    left[..., 1] = 0.01
+    for reach, expected in ((7, [0, 0, 3]), (9, [0, 0, 6])):  # 40 - 31 = 9 pixels from the left blocks
+        terms = choose_terms(engine, to_planes(engine, features), to_planes(engine, left), reach)
+        assert scalars(engine, terms.used, 3, np.int32).tolist() == expected
+        blocks = scalars(engine, terms.blocks, 2 * 3 * 6).reshape(3, 2, 3, 2)
+        mean, variance, used = (plane[::8, ::32] for plane in theory.terms_of_blocks(features, left, reach))
+        np.testing.assert_allclose(blocks[..., 0], mean, atol=1e-6)
+        np.testing.assert_allclose(blocks[..., 1], np.where(used, variance, -1.0), rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.9])
+def test_a_texture_of_little_contrast_is_told_apart_beside_a_strong_edge(engine, offset):
+    """Moments are taken about the block's mean: what cancels must be small against what a dark texture varies by."""
+    rng = np.random.default_rng(1)
+    features = np.repeat((0.02 + 0.01 * rng.random((24, 40, 1))), 3, axis=-1).astype(np.float32)
+    features[:, 30:] += np.float32(offset)
+    color = (features * 5).astype(np.float32)
+    spread = np.full_like(color, 0.01)
+    ridges = {"ridge": 1e-3, "noise_ridge": 0.0, "position_ridge": 0.1}
+    window = {"search": 4, "patch": 1, "stride": 1, "bandwidth": 1.0, "ridges": ridges}
+    got, expected = both_regressions(engine, color, spread, features, 0 * features, color, **window)
+    np.testing.assert_allclose(got[0], expected[0], rtol=5e-4)
+    assert np.abs(got[0] - color)[:, :20].max() < 0.2 * np.ptp(color[:, :20])
 
 
 def test_a_linear_function_of_the_features_is_reproduced(engine):
@@ -133,15 +186,10 @@ def test_a_linear_function_of_the_features_is_reproduced(engine):
     rng = np.random.default_rng(0)
     albedo = rng.random((30, 40, 3)).astype(np.float32)
     color = (0.2 + albedo @ np.float32([[1, 0, 0.2], [0.5, 1, 0], [0, 0.3, 1]])).astype(np.float32)
-    spread = np.full_like(color, 0.2)
-    planes = stack(engine, [to_planes(engine, albedo)], 4), stack(engine, [to_planes(engine, 0 * albedo)], 0)
-    padded, padded_spread = (pad(engine, to_planes(engine, image), 6) for image in (color, spread))
     tiny = {"ridge": 1e-4, "noise_ridge": 0.0, "position_ridge": 0.1}
-    windows = {"search_radius": 4, "patch_radius": 2}
-    out = to_array(
-        engine, first_order_regression(engine, padded, padded_spread, planes, padded, **windows, bandwidth=1.0, **tiny)
-    )
-    assert np.abs(out - color).max() < 2e-3
+    window = {"search": 4, "patch": 2, "stride": 1, "bandwidth": 1.0, "ridges": tiny}
+    got, _ = both_regressions(engine, color, np.full_like(color, 0.2), albedo, 0 * albedo, color, **window)
+    assert np.abs(got[0] - color).max() < 2e-3
     assert np.abs(oracle.box_mean(color, 4) - color).max() > 0.3
 
 
@@ -170,18 +218,15 @@ def full_scene(height, width):
 def test_whole_method(height, width, names):
     scene = full_scene(height, width)
     planes = {name: scene[name] for name in names}
-    options = {**PARAMETERS}
-    options["k"] = options.pop("bandwidth")
-    expected = theory.denoise_regression(scene["color"], **planes, **options)
+    expected = oracle_auto.denoise_regression(scene["color"], planes, **PARAMETERS)
     close(denoise(scene["color"], **planes, method="regression", **PARAMETERS), expected, tolerance=2e-4)
 
 
 def test_without_outlier_handling():
     scene = full_scene(24, 40)
-    options = {**PARAMETERS}
-    options["k"] = options.pop("bandwidth")
     color = scene["color"]
-    expected = theory.denoise_regression(color, color_variance=scene["color_variance"], **options, outlier_limit=None)
+    planes = {"color_variance": scene["color_variance"]}
+    expected = oracle_auto.denoise_regression(color, planes, **PARAMETERS, outlier_limit=None)
     given = {"color_variance": scene["color_variance"], "method": "regression"}
     close(denoise(color, **given, **PARAMETERS, outliers=False), expected, tolerance=2e-4)
 

@@ -9,6 +9,7 @@ import pytest
 from transfer import scalars, to_array, to_planes
 
 from mcdenoise_cl.stages import box, canny, door, exit, exposure, guided, noise, pad
+from mcdenoise_cl.stages.mean import plane_means
 
 CASES = [pytest.param(image, id=name) for name, image in inputs.images(3)]
 GRAY = [pytest.param(image, id=name) for name, image in inputs.images()]
@@ -227,3 +228,9 @@ def test_canny_with_blur_differs_only_where_rounding_decides(engine, seed):
     expected = oracle.canny(gray, 0.2, 0.5)
     assert 0.005 < expected.mean() < 0.5
     assert (edges != expected).mean() < 0.002
+
+
+@pytest.mark.parametrize("image", CASES)
+def test_plane_means(engine, image):
+    means = scalars(engine, plane_means(engine, to_planes(engine, image - 0.3)), 3)
+    np.testing.assert_allclose(means, np.abs(image.astype(np.float64) - 0.3).mean((0, 1)), rtol=1e-4)

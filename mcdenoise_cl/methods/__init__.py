@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import ParameterError
-from . import nlm, regression, ssim_nlm
+from . import auto, guided, nlm, regression, ssim_nlm
 from .parameters import ParameterInfo, describe
 
 
@@ -32,6 +32,9 @@ class Method:
     run: Callable[..., Any]
 
 
+#: What frames are denoised with unless a method is named: the most accurate by measurement (bench/quality.py).
+DEFAULT_METHOD = auto.NAME
+
 _METHODS = {
     module.NAME: Method(
         name=module.NAME,
@@ -42,7 +45,7 @@ _METHODS = {
         make=module.Parameters,
         run=module.run,
     )
-    for module in (nlm, ssim_nlm, regression)
+    for module in (nlm, ssim_nlm, regression, auto, guided)
 }
 
 
@@ -51,7 +54,7 @@ def methods() -> list[Method]:
 
     Example:
         >>> [method.name for method in methods()]
-        ['nlm', 'ssim-nlm', 'regression']
+        ['nlm', 'ssim-nlm', 'regression', 'auto', 'guided']
         >>> methods()[0].parameters[0].name, methods()[0].parameters[0].default
         ('search_radius', 3)
     """
@@ -67,9 +70,3 @@ def get_method(name: str) -> Method:
     if name not in _METHODS:
         raise ParameterError(f"method is {name!r} but one of {', '.join(_METHODS)} is needed")
     return _METHODS[name]
-
-
-def default_method(planes: Any) -> str:
-    """The method for a frame with these planes, the most accurate by measurement (bench/quality.py): `regression`
-    where anything but the colour is known, else `nlm`."""
-    return regression.NAME if any(name in planes for name in regression.USES) else nlm.NAME

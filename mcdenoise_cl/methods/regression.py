@@ -7,35 +7,27 @@ their variances, the variance of the colour or two half buffers; what is missing
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import pyopencl as cl
 
 from ..engine import Engine, Planes
 from ..stages.box import box_mean
-from ..stages.exposure import auto_exposure, inverse_geometric_mean
+from ..stages.exposure import auto_exposure
 from ..stages.noise import noise_level
-from ..stages.outliers import scale_outliers, spread_removed
-from ..stages.pad import pad, stack
-from ..stages.prefilter import prefilter
+from ..stages.outliers import spread_removed
+from ..stages.pad import stack
 from ..stages.regression import first_order_regression
-from ..stages.variance import (
-    clip,
-    depth_feature,
-    depth_feature_variance,
-    scale,
-    variance_from_halves,
-    variance_from_image,
-)
+from ..stages.terms import Terms, choose_terms
+from ..stages.variance import channel_sum, scale
+from .features import COLOR_VARIANCES, FEATURE_VARIANCES, FEATURES, color_variance, features, hold_back_outliers
 from .parameters import parameter
 from .result import Result
 
 NAME = "regression"
 SUMMARY = "first-order regression on albedo, normal and depth, weighted by NLM"
 NEEDS: tuple[str, ...] = ()
-USES = (
-    *("albedo", "normal", "depth", "albedo_variance", "normal_variance", "depth_variance"),
-    *("color_variance", "color_a", "color_b"),
-)
+USES = (*FEATURES, *FEATURE_VARIANCES, *COLOR_VARIANCES)
 
 
 @dataclass(frozen=True)
@@ -44,7 +36,7 @@ class Parameters:
 
     search_radius: int = parameter(7, "the fit uses (2 r + 1)² pixels", low=0, high=10)
     patch_radius: int = parameter(2, "patches are (2 r + 1)² pixels, and half as wide", low=0, high=8)
-    bandwidth: float = parameter(0.65, "how far colours may differ, in units of their noise", low=1e-3)
+    bandwidth: float = parameter(0.72, "how far colours may differ, in units of their noise", low=1e-3)
     ridge: float = parameter(0.02, "regularisation of every term, relative to its spread", low=1e-5)
     noise_ridge: float = parameter(5.0, "regularisation by the noise that a feature still has", low=0.0)
     position_ridge: float = parameter(0.1, "regularisation of the slope that no feature explains", low=0.0)
@@ -56,69 +48,87 @@ class Parameters:
     )
 
 
-def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
-    """Door to exit without the door and the exit: planes in, planes out."""
+@dataclass(frozen=True)
+class Prepared:
+    """A frame ready to be fitted, in exposed units.
+
+    Attributes:
+        exposure, level: as in `Result`.
+        color: three planes, outliers scaled down.
+        raw_variance, variance: of the pixel mean, three planes, before and after smoothing over 5x5.
+        removed, factor: what was taken from outliers, and what each pixel was multiplied by; None if they stayed.
+        features, noise: stacked planes of the features and of the variance they have left; None without any.
+        names: the feature that each plane belongs to.
+    """
+
+    exposure: cl.MemoryObjectHolder
+    level: cl.MemoryObjectHolder
+    color: Planes
+    raw_variance: Planes
+    variance: Planes
+    removed: Planes | None
+    factor: Planes | None
+    features: Planes | None
+    noise: Planes | None
+    names: tuple[str, ...]
+
+
+def prepare(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Prepared:
+    """Expose, hold back outliers, prefilter the features."""
     exposure = engine.constant([p.exposure]) if p.exposure is not None else auto_exposure(engine, planes["color"])
     color = scale(engine, planes["color"], exposure)
     level = noise_level(engine, color)
-    variance = _color_variance(engine, planes, color, exposure)
-    removed = scale_outliers(engine, color, variance, p.outlier_limit) if p.outliers else None
-    variance = box_mean(engine, variance, 2)
-    groups = _features(engine, planes)
-    features = None
-    if groups:
-        features = (
-            stack(engine, [feature for feature, _ in groups], p.search_radius),
-            stack(engine, [left for _, left in groups], 0),
-        )
-    border = p.search_radius + p.patch_radius
-    color = pad(engine, color, border)
-    out = first_order_regression(
+    variance = color_variance(engine, planes, color, exposure)
+    removed = factor = None
+    if p.outliers:
+        removed, factor = hold_back_outliers(engine, planes, color, variance, p.outlier_limit)
+    groups = features(engine, planes)
+    both = [stack(engine, list(each), 0) for each in zip(*groups, strict=True)] or [None, None]
+    names = [name for name in FEATURES if name in planes]
+    names = [name for name, (feature, _) in zip(names, groups, strict=True) for _ in range(feature.channels)]
+    smooth = box_mean(engine, variance, 2)
+    return Prepared(exposure, level, color, variance, smooth, removed, factor, *both, tuple(names))
+
+
+def terms_for(engine: Engine, frame: Prepared, reach: int) -> Terms | None:
+    """The features that carry something within `reach`."""
+    return choose_terms(engine, frame.features, frame.noise, reach) if frame.features else None
+
+
+def ridges(p: Parameters) -> dict[str, Any]:
+    """What `first_order_regression` takes of the parameters for any window."""
+    return {"ridge": p.ridge, "noise_ridge": p.noise_ridge, "position_ridge": p.position_ridge}
+
+
+def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
+    """Door to exit without the door and the exit: planes in, planes out."""
+    frame = prepare(engine, planes, p)
+    terms = terms_for(engine, frame, p.search_radius)
+    (out,) = first_order_regression(
         engine,
-        color,
-        pad(engine, variance, border),
-        features,
-        color,
+        frame.color,
+        channel_sum(engine, frame.variance),
+        terms,
+        frame.color,
         search_radius=p.search_radius,
         patch_radius=p.patch_radius,
         bandwidth=p.bandwidth,
-        ridge=p.ridge,
-        noise_ridge=p.noise_ridge,
-        position_ridge=p.position_ridge,
+        **ridges(p),
     )
-    if removed is not None:
-        out = spread_removed(engine, out, removed, p.spread_radius)
-    return Result(scale(engine, out, exposure, -1), exposure, level)
+    if frame.removed is not None:
+        out = spread_removed(engine, out, frame.removed, p.spread_radius)
+    return finish(engine, frame, out, terms)
 
 
-def _color_variance(
-    engine: Engine, planes: dict[str, Planes], color: Planes, exposure: cl.MemoryObjectHolder
-) -> Planes:
-    """Of the pixel mean, in exposed units: as the frame has it, else from its halves, else from the image."""
-    if "color_variance" in planes:
-        return scale(engine, planes["color_variance"], exposure, 2)
-    if "color_a" in planes:
-        halves = [scale(engine, planes[name], exposure) for name in ("color_a", "color_b")]
-        return variance_from_halves(engine, *halves)
-    return variance_from_image(engine, color)
-
-
-def _features(engine: Engine, planes: dict[str, Planes]) -> list[tuple[Planes, Planes]]:
-    """Each feature that is there, prefiltered if its variance is there, and the variance that is left."""
-    groups = []
-    for name in ("albedo", "normal", "depth"):
-        if name not in planes:
-            continue
-        feature, variance = planes[name], planes.get(f"{name}_variance")
-        if name == "albedo":
-            feature = clip(engine, feature, 0.0, 1.0)
-        elif name == "depth":
-            inverse_scale = inverse_geometric_mean(engine, feature)
-            if variance is not None:
-                variance = depth_feature_variance(engine, feature, variance, inverse_scale)
-            feature = depth_feature(engine, feature, inverse_scale)
-        if variance is None:
-            groups.append((feature, clip(engine, feature, 0.0, 0.0)))  # zeros: taken as exact
-        else:
-            groups.append(prefilter(engine, feature, variance))
-    return groups
+def finish(engine: Engine, frame: Prepared, out: Planes, terms: Terms | None, **found: Any) -> Result:
+    """Undo the exposure, and hand on what was found."""
+    return Result(
+        scale(engine, out, frame.exposure, -1),
+        frame.exposure,
+        frame.level,
+        removed=frame.removed,
+        kept=frame.color,
+        feature_names=frame.names,
+        terms=terms,
+        **found,
+    )

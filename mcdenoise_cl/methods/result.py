@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import pyopencl as cl
 
 from ..engine import Planes
+from ..stages.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -17,8 +18,19 @@ class Result:
         color: three planes, scene-linear.
         exposure: one float: the factor applied before tonemapping.
         noise_level: one float: the standard deviation found in the tonemapped colours.
+        removed, kept: what outliers lost, and what was left of the colours, three planes each; None if none were
+            looked for.
+        feature_names, terms: the feature of each plane that colours were fitted to, and which of them were used where.
+        shares: what each of `auto.CANDIDATES` contributes, one plane each, their sum 1. None for a single filter.
+        error: the estimated relative squared error, one plane; None where it is not estimated.
     """
 
     color: Planes
     exposure: cl.MemoryObjectHolder
     noise_level: cl.MemoryObjectHolder
+    removed: Planes | None = None
+    kept: Planes | None = None
+    feature_names: tuple[str, ...] = ()
+    terms: Terms | None = None
+    shares: Planes | None = None
+    error: Planes | None = None

@@ -6,21 +6,34 @@ from ..engine import Engine, Planes
 from .box import box_mean
 
 
-def scale_outliers(engine: Engine, color: Planes, variance: Planes, limit: float) -> Planes:
+def scale_outliers(
+    engine: Engine, color: Planes, variance: Planes, limit: float, significant: float
+) -> tuple[Planes, Planes]:
     """Scale pixels brighter than `limit` times the brightest of their eight neighbours down to that, in place.
 
-    `variance` (three planes, of the pixel mean) is scaled with its colour.
+    `variance` (three planes, of the pixel mean) is scaled with its colour. A pixel that stands out by more than
+    `significant` of its own standard deviations stays: it is no outlier but a small light.
 
     Returns:
-        What was removed: three planes, 0 where nothing was.
+        What was removed: three planes, 0 where nothing was; and the factor of each pixel, one plane.
     """
     height, width = color.height, color.width
     factor, removed = engine.planes(1, height, width), engine.planes(3, height, width)
     kernel = engine.kernel("outliers.cl", "outlier_factor")
-    engine.launch("outliers", kernel, (width, height), color, height, width, float(limit), factor)
+    numbers = float(limit), float(significant)
+    engine.launch("outliers", kernel, (width, height), color, variance, height, width, *numbers, factor)
     kernel = engine.kernel("outliers.cl", "apply_factor")
     engine.launch("outliers", kernel, (width, height), factor, color, variance, height, width, removed)
-    return removed
+    return removed, factor
+
+
+def with_outliers(engine: Engine, frame: Planes, removed: Planes, factor: Planes) -> Planes:
+    """Three colours and a half difference (see `halves`) as they were before `scale_outliers`."""
+    out = engine.planes(4, frame.height, frame.width)
+    kernel = engine.kernel("outliers.cl", "with_outliers")
+    size = (frame.width, frame.height)
+    engine.launch("outliers", kernel, size, frame, removed, factor, frame.height, frame.width, out)
+    return out
 
 
 def spread_removed(engine: Engine, image: Planes, removed: Planes, radius: int) -> Planes:

@@ -17,6 +17,15 @@ def variance_from_image(engine: Engine, image: Planes) -> Planes:
     return _map(engine, "variance_from_image", image)
 
 
+def channel_sum(engine: Engine, planes: Planes) -> Planes:
+    """The sum over the planes, one plane."""
+    out = engine.planes(1, planes.height, planes.width)
+    kernel = engine.kernel("variance.cl", "channel_sum")
+    size = (planes.width, planes.height)
+    engine.launch("variance", kernel, size, planes, planes.channels, planes.height, planes.width, out)
+    return out
+
+
 def scale(engine: Engine, planes: Planes, factor: cl.MemoryObjectHolder, power: int = 1) -> Planes:
     """planes * factor^power, for power 1, 2 or -1."""
     return _map(engine, "scale", planes, after=(factor, power))

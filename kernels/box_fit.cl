@@ -1,0 +1,389 @@
+/* Colours as a linear function of the features, fitted over uniform windows (He et al. 2010, with many guides).
+ *
+ * Around each block of BLOCK x BLOCK pixels, colour_k = z_k0 + sum_a z_ka f_a is fitted by weighted least squares. All
+ * that a fit needs are means and covariances over its window, so they are taken over blocks once, joined along columns,
+ * then along rows, and each block is solved once; the functions are brought up to every pixel and applied to its own
+ * features (He and Sun 2015). Weights are those of relative errors: without them a window that holds something bright
+ * fits that alone, and is wrong by its size in the dark.
+ *
+ * A group of samples is so many planes: the sum of weights; the means of the VARIABLES, features first, colours after;
+ * and sum w (v_a - mean_a) (f_b - mean_b) of every variable a and feature b, of features only b <= a. Groups are joined
+ * about the mean of the middle one, and anew for each window: weights span so many powers of ten that a sum from which
+ * a bright block was taken away again would be wrong.
+ */
+#include "common.h"
+
+#define VARIABLES (FEATURES + 3)
+#define TERMS (FEATURES + 1)
+#define LOWER(a, b) ((a) * ((a) + 1) / 2 + (b)) /* b <= a */
+#define PRODUCT(a, b) ((a) < FEATURES ? LOWER(a, b) : LOWER(FEATURES, 0) + ((a) - FEATURES) * FEATURES + (b))
+#define PRODUCTS PRODUCT(VARIABLES, 0)
+#define MEAN(a) (1 + (a))
+#define COVARIANCE(i) (1 + VARIABLES + (i))
+#if FEATURES > 0
+#define ROOM PRODUCTS
+#define SLOPES FEATURES
+#else
+#define ROOM 1 /* no array is empty */
+#define SLOPES 1
+#endif
+
+#define PIXELS (BLOCK * BLOCK)
+#define SIDE (2 * RADIUS + 1)
+
+/* sum w, sum w d and sum w d d^T, d the distance from a reference */
+typedef struct {
+    vec weight, first[VARIABLES], second[ROOM];
+} Sums;
+
+/* In exposed units: below the one, errors count alike; the other keeps weights within float32. */
+#define DARKEST 0.02f
+#define BRIGHTEST 1e5f
+
+/* 1 / (l + DARKEST)^relative */
+inline vec relative_weight(vec light, float relative)
+{
+    return exp2(log2(clamp(light, 0.f, BRIGHTEST) + DARKEST) * -relative);
+}
+
+/* Every BLOCK-th value of a row of n, WIDTH of them from x on; past the end the last one again. */
+inline vec every(global const float *row, int x, int n)
+{
+#if BLOCK == 2 && WIDTH == 4
+    if (x + 8 <= n)
+        return vload8(0, row + x).even;
+#elif BLOCK == 2 && WIDTH == 8
+    if (x + 16 <= n)
+        return vload16(0, row + x).even;
+#endif
+    float line[WIDTH];
+    for (int i = 0; i < WIDTH; i++)
+        line[i] = row[min(x + i * BLOCK, n - 1)];
+    return LOAD(line);
+}
+#define EVERY(p, c, y, x, n) every(p + INDEX(p, c, y, 0), x, n)
+
+/* The opposite: nothing past the end. */
+inline void spread(vec value, global float *row, int x, int n)
+{
+    float line[WIDTH];
+    STORE(value, line);
+    for (int i = 0; i < WIDTH && x + i * BLOCK < n; i++)
+        row[x + i * BLOCK] = line[i];
+}
+#define SPREAD(value, p, c, y, x, n) spread(value, p + INDEX(p, c, y, 0), x, n)
+
+/* WIDTH values of a row of n blocks from x on, mirrored. */
+inline vec mirrored(global const float *row, int x, int n)
+{
+    if (x >= 0 && x + WIDTH <= n)
+        return LOAD(row + x);
+    float line[WIDTH];
+    for (int i = 0; i < WIDTH; i++)
+        line[i] = row[reflect(x + i, n)];
+    return LOAD(line);
+}
+#define MIRRORED(p, c, y, x, n) mirrored(p + INDEX(p, c, y, 0), x, n)
+
+/* Where the pixels of phase i of their blocks lie between blocks: from `before` (in blocks, from their own), this far
+ * to the next. */
+inline float between(int i, int *before)
+{
+    const float at = (i + 0.5f) / BLOCK - 0.5f;
+    *before = at < 0.f ? -1 : 0;
+    return at - *before;
+}
+
+/* A plane of blocks between two rows, at the columns x - 1, x and x + 1: what `across` interpolates between. */
+inline void between_rows(global const float *plane, int top, int bottom, float down, int x, int n, vec out[3])
+{
+    for (int i = 0; i < 3; i++)
+        out[i] = mix(mirrored(plane + top, x + i - 1, n), mirrored(plane + bottom, x + i - 1, n), down);
+}
+
+inline vec across_columns(const vec v[3], int before, float across)
+{
+    return mix(v[1 + before], v[2 + before], across);
+}
+
+/* 1 for the pixels that are there, of WIDTH that are BLOCK apart. */
+inline vec present(int x, int n)
+{
+    float line[WIDTH];
+    for (int i = 0; i < WIDTH; i++)
+        line[i] = x + i * BLOCK < n;
+    return LOAD(line);
+}
+
+kernel void box_fit_luminance(CONST_PLANES(color), int height, int width, PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    STORE(luminance(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x), VECTOR_AT(color, 2, y, x)),
+          out + INDEX(out, 0, y, x));
+}
+
+/* COUNT samples, or groups by their means, this far from a reference; `second` holds sums of its own already. Sums stay
+ * in registers over the samples, which is why a macro makes one function for each count. */
+#define DEFINE_ADD(NAME, COUNT)                                                      \
+    inline void NAME(Sums *s, const vec weight[COUNT], vec delta[VARIABLES][COUNT])  \
+    {                                                                                \
+        s->weight = (vec)(0.f);                                                      \
+        for (int i = 0; i < COUNT; i++)                                              \
+            s->weight += weight[i];                                                  \
+        for (int a = 0; a < VARIABLES; a++) {                                        \
+            vec weighted[COUNT], first = (vec)(0.f);                                 \
+            for (int i = 0; i < COUNT; i++) {                                        \
+                weighted[i] = weight[i] * delta[a][i];                               \
+                first += weighted[i];                                                \
+            }                                                                        \
+            s->first[a] = first;                                                     \
+            for (int b = 0; b < FEATURES && b <= a; b++) {                           \
+                vec sum = s->second[PRODUCT(a, b)];                                  \
+                for (int i = 0; i < COUNT; i++)                                      \
+                    sum += weighted[i] * delta[b][i];                                \
+                s->second[PRODUCT(a, b)] = sum;                                      \
+            }                                                                        \
+        }                                                                            \
+    }
+DEFINE_ADD(add_pixels, PIXELS)
+DEFINE_ADD(add_groups, SIDE)
+
+/* From the reference to the mean; afterwards `first` holds the means less the reference. */
+inline void settle(Sums *s)
+{
+    const vec scale = 1.f / s->weight;
+    for (int a = VARIABLES - 1; a >= 0; a--) /* features, which colours need unscaled, last */
+        for (int b = 0; b < FEATURES && b <= a; b++)
+            s->second[PRODUCT(a, b)] -= s->first[a] * s->first[b] * scale;
+    for (int a = 0; a < VARIABLES; a++)
+        s->first[a] *= scale;
+}
+
+/* light: luminance around each pixel. out: a group for each block; those at the far edges hold the pixels there are.
+ * The noise of a feature counts as spread of its own. */
+kernel void box_fit_blocks(CONST_PLANES(light), CONST_PLANES(color),
+#if FEATURES > 0
+                           CONST_PLANES(feature),
+#endif
+#ifdef NOISE
+                           CONST_PLANES(noise),
+#endif
+                           int height, int width, float relative, float noise_ridge, PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    if (x * BLOCK >= width || y * BLOCK >= height)
+        return;
+    Sums s;
+    for (int i = 0; i < ROOM; i++)
+        s.second[i] = (vec)(0.f);
+    vec reference[VARIABLES], delta[VARIABLES][PIXELS], weight[PIXELS];
+    for (int i = 0; i < PIXELS; i++) {
+        const int below = y * BLOCK + i / BLOCK, row = min(below, height - 1), column = x * BLOCK + i % BLOCK;
+        weight[i] = relative_weight(EVERY(light, 0, row, column, width), relative);
+        if (column + (WIDTH - 1) * BLOCK >= width)
+            weight[i] *= present(column, width);
+        if (below >= height)
+            weight[i] = (vec)(0.f);
+        for (int a = 0; a < 3; a++)
+            delta[FEATURES + a][i] = EVERY(color, a, row, column, width);
+#if FEATURES > 0
+        for (int a = 0; a < FEATURES; a++)
+            delta[a][i] = EVERY(feature, a, row, column, width);
+#endif
+#ifdef NOISE
+        for (int a = 0; a < FEATURES; a++)
+            s.second[PRODUCT(a, a)] += weight[i] * noise_ridge * EVERY(noise, a, row, column, width);
+#endif
+    }
+    for (int a = 0; a < VARIABLES; a++) {
+        reference[a] = delta[a][0];
+        for (int i = 0; i < PIXELS; i++)
+            delta[a][i] -= reference[a];
+    }
+    add_pixels(&s, weight, delta);
+    settle(&s);
+    STORE(s.weight, out + INDEX(out, 0, y, x));
+    for (int a = 0; a < VARIABLES; a++)
+        STORE(reference[a] + s.first[a], out + INDEX(out, MEAN(a), y, x));
+    for (int i = 0; i < PRODUCTS; i++)
+        STORE(s.second[i], out + INDEX(out, COVARIANCE(i), y, x));
+}
+
+/* The groups of 2 RADIUS + 1 blocks of a column, then of a row, mirrored, as one. */
+kernel void box_fit_columns(CONST_PLANES(group), int height, int width, PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    vec weight[SIDE], delta[VARIABLES][SIDE], center[VARIABLES];
+    int row[SIDE];
+    for (int i = 0; i < SIDE; i++) {
+        row[i] = reflect(y + i - RADIUS, height);
+        weight[i] = VECTOR_AT(group, 0, row[i], x);
+    }
+    for (int a = 0; a < VARIABLES; a++) {
+        center[a] = VECTOR_AT(group, MEAN(a), y, x);
+        for (int i = 0; i < SIDE; i++)
+            delta[a][i] = VECTOR_AT(group, MEAN(a), row[i], x) - center[a];
+    }
+    Sums s;
+    for (int q = 0; q < PRODUCTS; q++) {
+        vec sum = (vec)(0.f);
+        for (int i = 0; i < SIDE; i++)
+            sum += VECTOR_AT(group, COVARIANCE(q), row[i], x);
+        s.second[q] = sum;
+    }
+    add_groups(&s, weight, delta);
+    settle(&s);
+    STORE(s.weight, out + INDEX(out, 0, y, x));
+    for (int a = 0; a < VARIABLES; a++)
+        STORE(center[a] + s.first[a], out + INDEX(out, MEAN(a), y, x));
+    for (int i = 0; i < PRODUCTS; i++)
+        STORE(s.second[i], out + INDEX(out, COVARIANCE(i), y, x));
+}
+
+/* group: columns of blocks. out: the TERMS coefficients of each colour; the constant is not regularised. */
+kernel void box_fit_solve(CONST_PLANES(group), int height, int width, float ridge, float least, PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    vec weight[SIDE], delta[VARIABLES][SIDE], mean[VARIABLES];
+    for (int i = 0; i < SIDE; i++)
+        weight[i] = MIRRORED(group, 0, y, x + i - RADIUS, width);
+    for (int a = 0; a < VARIABLES; a++) {
+        mean[a] = VECTOR_AT(group, MEAN(a), y, x);
+        for (int i = 0; i < SIDE; i++)
+            delta[a][i] = MIRRORED(group, MEAN(a), y, x + i - RADIUS, width) - mean[a];
+    }
+    Sums s;
+    for (int q = 0; q < PRODUCTS; q++) {
+        vec sum = (vec)(0.f);
+        for (int i = 0; i < SIDE; i++)
+            sum += MIRRORED(group, COVARIANCE(q), y, x + i - RADIUS, width);
+        s.second[q] = sum;
+    }
+    add_groups(&s, weight, delta);
+    settle(&s);
+    const vec scale = 1.f / s.weight;
+    for (int a = 0; a < VARIABLES; a++)
+        mean[a] += s.first[a];
+    for (int i = 0; i < PRODUCTS; i++)
+        s.second[i] *= scale;
+    /* L L^T, in place; the diagonal holds 1 / L_aa */
+    for (int a = 0; a < FEATURES; a++) {
+        vec *row = s.second + LOWER(a, 0);
+        row[a] = fmax(row[a], (vec)(0.f)) * (1.f + ridge) + least;
+        for (int b = 0; b <= a; b++) {
+            vec sum = row[b];
+            for (int q = 0; q < b; q++)
+                sum -= row[q] * s.second[LOWER(b, q)];
+            row[b] = a == b ? 1.f / sqrt(fmax(sum, (vec)(0.5f * least))) : sum * s.second[LOWER(b, b)];
+        }
+    }
+    for (int k = 0; k < 3; k++) {
+        vec z[SLOPES], constant_ = mean[FEATURES + k];
+        for (int a = 0; a < FEATURES; a++) {
+            vec sum = s.second[PRODUCT(FEATURES + k, a)];
+            for (int q = 0; q < a; q++)
+                sum -= s.second[LOWER(a, q)] * z[q];
+            z[a] = sum * s.second[LOWER(a, a)];
+        }
+        for (int a = FEATURES - 1; a >= 0; a--) {
+            vec sum = z[a];
+            for (int q = a + 1; q < FEATURES; q++)
+                sum -= s.second[LOWER(q, a)] * z[q];
+            z[a] = sum * s.second[LOWER(a, a)];
+            constant_ -= z[a] * mean[a];
+            STORE(z[a], out + INDEX(out, k * TERMS + 1 + a, y, x));
+        }
+        STORE(constant_, out + INDEX(out, k * TERMS, y, x));
+    }
+}
+
+/* out: the functions, interpolated between blocks, of the pixel's own features. left: over each block, what sum w |c -
+ * out|^2 is and what noise alone, of this variance, would make it. */
+kernel void box_fit_apply(CONST_PLANES(fit), CONST_PLANES(light), CONST_PLANES(color), CONST_PLANES(variance),
+#if FEATURES > 0
+                          CONST_PLANES(feature),
+#endif
+                          int height, int width, float relative, PLANES(out), PLANES(left))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    if (x * BLOCK >= width || y * BLOCK >= height)
+        return;
+    const int high = (height + BLOCK - 1) / BLOCK, wide = (width + BLOCK - 1) / BLOCK;
+    vec squares = (vec)(0.f), expected = (vec)(0.f);
+    for (int j = 0; j < BLOCK && y * BLOCK + j < height; j++) {
+        int above, before;
+        const float down = between(j, &above);
+        const int row = y * BLOCK + j;
+        const int top = reflect(y + above, high) * fit_row, bottom = reflect(y + above + 1, high) * fit_row;
+        vec functions[3 * TERMS][3];
+        for (int a = 0; a < 3 * TERMS; a++)
+            between_rows(fit + INDEX(fit, a, 0, 0), top, bottom, down, x, wide, functions[a]);
+        for (int i = 0; i < BLOCK && x * BLOCK + i < width; i++) {
+            const float across = between(i, &before);
+            const int column = x * BLOCK + i;
+            vec weight = relative_weight(EVERY(light, 0, row, column, width), relative);
+            if (column + (WIDTH - 1) * BLOCK >= width)
+                weight *= present(column, width);
+            vec term[TERMS];
+#if FEATURES > 0
+            for (int a = 1; a < TERMS; a++)
+                term[a] = EVERY(feature, a - 1, row, column, width);
+#endif
+            for (int k = 0; k < 3; k++) {
+                vec value = across_columns(functions[k * TERMS], before, across);
+                for (int a = 1; a < TERMS; a++)
+                    value += term[a] * across_columns(functions[k * TERMS + a], before, across);
+                SPREAD(value, out, k, row, column, width);
+                const vec rest = EVERY(color, k, row, column, width) - value;
+                squares += weight * rest * rest;
+                expected += weight * EVERY(variance, k, row, column, width);
+            }
+        }
+    }
+    STORE(squares, left + INDEX(left, 0, y, x));
+    STORE(expected, left + INDEX(left, 1, y, x));
+}
+
+/* The share of the residual that noise explains; left: as above, over windows. */
+kernel void box_fit_share(CONST_PLANES(left), int height, int width, float noise, PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    const vec squares = VECTOR_AT(left, 0, y, x), expected = VECTOR_AT(left, 1, y, x);
+    STORE(fmin(noise * expected / fmax(squares, (vec)(1e-30f)), (vec)(1.f)), out + INDEX(out, 0, y, x));
+}
+
+/* Of the residual only that share is removed. A fit may overshoot below 0, where light cannot be; only a negative pixel
+ * may stay so. */
+kernel void box_fit_restore(CONST_PLANES(share), CONST_PLANES(color), CONST_PLANES(fitted), int height, int width,
+                            PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    if (x * BLOCK >= width || y * BLOCK >= height)
+        return;
+    const int high = (height + BLOCK - 1) / BLOCK, wide = (width + BLOCK - 1) / BLOCK;
+    for (int j = 0; j < BLOCK && y * BLOCK + j < height; j++) {
+        int above, before;
+        const float down = between(j, &above);
+        const int row = y * BLOCK + j;
+        const int top = reflect(y + above, high) * share_row, bottom = reflect(y + above + 1, high) * share_row;
+        vec shares[3];
+        between_rows(share + INDEX(share, 0, 0, 0), top, bottom, down, x, wide, shares);
+        for (int i = 0; i < BLOCK && x * BLOCK + i < width; i++) {
+            const float across = between(i, &before);
+            const int column = x * BLOCK + i;
+            const vec noise = across_columns(shares, before, across);
+            for (int k = 0; k < 3; k++) {
+                const vec c = EVERY(color, k, row, column, width), value = EVERY(fitted, k, row, column, width);
+                SPREAD(fmax(mix(c, value, noise), fmin(c, (vec)(0.f))), out, k, row, column, width);
+            }
+        }
+    }
+}

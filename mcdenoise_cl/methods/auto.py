@@ -1,0 +1,114 @@
+"""`auto`: several regressions, mixed pixel by pixel by their estimated error.
+
+Candidates, from the simplest: the input as it is; a regression over a narrow window; the same over the whole window; a
+second regression of its result over a wide window, every third pixel. Cross-validation between two halves of the
+samples, or two halves made up from the variance, tells which is nearer to the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ..engine import Engine, Planes
+from ..stages.choice import (
+    Target,
+    compare,
+    estimated_error,
+    luminance_around,
+    luminance_noise,
+    mix_in,
+    parts_of_mix,
+    variance_left,
+)
+from ..stages.halves import difference_from_variance, difference_of_halves
+from ..stages.outliers import spread_removed, with_outliers
+from ..stages.pad import stack
+from ..stages.regression import first_order_regression
+from ..stages.variance import channel_sum, clip, scale
+from . import regression
+from .parameters import parameter
+from .regression import NEEDS, USES, Prepared, finish, prepare, ridges, terms_for
+from .result import Result
+
+__all__ = ["NAME", "NEEDS", "SUMMARY", "USES", "Parameters", "run"]
+
+NAME = "auto"
+SUMMARY = "regressions over narrow, middle and wide windows, mixed by their estimated error; never worse than the input"
+
+#: In the order of `Result.shares`, from the simplest.
+CANDIDATES = ("input", "narrow", "regression", "wide")
+
+
+@dataclass(frozen=True)
+class Parameters(regression.Parameters):
+    """Those of `regression` for the first pass, and what the second pass and the choice need (bench/sweep.py)."""
+
+    wide_radius: int = parameter(3, "the second fit uses (2 r + 1)² pixels", low=1, high=7)
+    wide_stride: int = parameter(3, "and takes every so many-th of them", low=1, high=6)
+    wide_bandwidth: float = parameter(1.8, "how far its colours may differ, in units of the noise left", low=1e-3)
+    tracking: float = parameter(0.01, "part of the noise that the weights of the first pass follow", low=0.0, high=1.0)
+    doubt: float = parameter(0.42, "how soon an uncertain choice becomes the usual mix", low=0.0)
+    caution: float = parameter(0.42, "by how much the input must be better to be kept", low=0.0)
+
+
+#: Residuals count up to so many standard deviations of the noise, whose tails are long.
+LIMIT = 1.0
+
+
+def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
+    """Door to exit without the door and the exit: planes in, planes out."""
+    frame = prepare(engine, planes, p)
+    noisy = stack(engine, [frame.color, _half_difference(engine, planes, frame)], 0)
+    terms = terms_for(engine, frame, p.search_radius)
+    current, narrow = first_order_regression(
+        engine,
+        frame.color,
+        channel_sum(engine, frame.variance),
+        terms,
+        noisy,
+        search_radius=p.search_radius,
+        patch_radius=p.patch_radius,
+        bandwidth=p.bandwidth,
+        with_inner=True,
+        **ridges(p),
+    )
+    (wide,) = first_order_regression(
+        engine,
+        current.part(0, 3),
+        variance_left(engine, current),
+        terms_for(engine, frame, p.wide_radius * p.wide_stride),
+        current,
+        search_radius=p.wide_radius,
+        patch_radius=1,
+        stride=p.wide_stride,
+        bandwidth=p.wide_bandwidth,
+        **ridges(p),
+    )
+    target = Target(noisy, luminance_noise(engine, frame.variance), luminance_around(engine, current))
+    # The wide fit takes half where nothing is known: two estimates of like error average to a better one.
+    found = compare(engine, current, wide, target, tracking=p.tracking, limit=LIMIT)
+    wide_share = mix_in(engine, current, wide, found, prior=0.5, doubt=p.doubt, margin=0.0)
+    found = compare(engine, current, narrow, target, tracking=-p.tracking, limit=LIMIT)
+    narrow_share = mix_in(engine, current, narrow, found, prior=0.0, doubt=p.doubt, margin=0.0)
+    filtered = stack(engine, [current], 0)
+
+    # The input comes in with its outliers, and so after theirs have been spread.
+    original = noisy
+    if frame.removed is not None:
+        colors = spread_removed(engine, current.part(0, 3), frame.removed, p.spread_radius)
+        current = stack(engine, [colors, current.part(3, 1)], 0)
+        original = with_outliers(engine, noisy, frame.removed, frame.factor)
+    found = compare(engine, current, original, replace(target, frame=original), tracking=0.0, limit=LIMIT)
+    input_share = mix_in(engine, current, original, found, prior=0.0, doubt=0.0, margin=p.caution)
+    error = estimated_error(engine, filtered, target, input_share)
+    shares = parts_of_mix(engine, wide_share, narrow_share, input_share)
+    return finish(engine, frame, current.part(0, 3), terms, shares=shares, error=error)
+
+
+def _half_difference(engine: Engine, planes: dict[str, Planes], frame: Prepared) -> Planes:
+    if "color_a" not in planes:
+        estimated = "color_variance" not in planes
+        return difference_from_variance(engine, frame.variance if estimated else frame.raw_variance)
+    halves = [scale(engine, planes[name], frame.exposure) for name in ("color_a", "color_b")]
+    factor = frame.factor or clip(engine, frame.color.part(0, 1), 1.0, 1.0)
+    return difference_of_halves(engine, *halves, factor)

@@ -1,0 +1,67 @@
+"""What a frame tells besides its colour, brought to a form that regressions can use."""
+
+from __future__ import annotations
+
+import math
+
+import pyopencl as cl
+
+from ..engine import Engine, Planes
+from ..stages.exposure import inverse_geometric_mean
+from ..stages.outliers import scale_outliers
+from ..stages.prefilter import prefilter
+from ..stages.variance import (
+    clip,
+    depth_feature,
+    depth_feature_variance,
+    scale,
+    variance_from_halves,
+    variance_from_image,
+)
+
+FEATURES = ("albedo", "normal", "depth")
+FEATURE_VARIANCES = tuple(f"{name}_variance" for name in FEATURES)
+COLOR_VARIANCES = ("color_variance", "color_a", "color_b")
+
+#: An outlier that stands out by more than so many of its own standard deviations is a small light. Only a variance
+#: from many samples tells: two halves agree by chance too often, and in the image alone a light looks like a firefly.
+SIGNIFICANT = 5.0
+
+
+def color_variance(engine: Engine, planes: dict[str, Planes], color: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
+    """Of the pixel mean, in exposed units: as the frame has it, else from its halves, else from the image."""
+    if "color_variance" in planes:
+        return scale(engine, planes["color_variance"], exposure, 2)
+    if "color_a" in planes:
+        halves = [scale(engine, planes[name], exposure) for name in ("color_a", "color_b")]
+        return variance_from_halves(engine, *halves)
+    return variance_from_image(engine, color)
+
+
+def hold_back_outliers(
+    engine: Engine, planes: dict[str, Planes], color: Planes, variance: Planes, limit: float
+) -> tuple[Planes, Planes]:
+    """`scale_outliers`, in place, for a frame with these planes: what was removed, and the factor of each pixel."""
+    significant = SIGNIFICANT if "color_variance" in planes else math.inf
+    return scale_outliers(engine, color, variance, limit, significant)
+
+
+def features(engine: Engine, planes: dict[str, Planes]) -> list[tuple[Planes, Planes]]:
+    """Each feature that is there, prefiltered if its variance is there, and the variance that is left."""
+    groups = []
+    for name in FEATURES:
+        if name not in planes:
+            continue
+        feature, variance = planes[name], planes.get(f"{name}_variance")
+        if name == "albedo":
+            feature = clip(engine, feature, 0.0, 1.0)
+        elif name == "depth":
+            inverse_scale = inverse_geometric_mean(engine, feature)
+            if variance is not None:
+                variance = depth_feature_variance(engine, feature, variance, inverse_scale)
+            feature = depth_feature(engine, feature, inverse_scale)
+        if variance is None:
+            groups.append((feature, clip(engine, feature, 0.0, 0.0)))  # zeros: taken as exact
+        else:
+            groups.append(prefilter(engine, feature, variance))
+    return groups

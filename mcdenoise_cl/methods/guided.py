@@ -1,0 +1,108 @@
+"""`guided`: a linear function of albedo, normal and depth, fitted over uniform windows; the fastest that uses features.
+
+A guided filter (He et al. 2010) with several guides and errors that count relatively, followed by a Wiener filter of
+what it left: where the residual is larger than the noise explains, that much of the pixel comes back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..engine import Engine, Planes
+from ..stages.box_fit import box_fit
+from ..stages.exposure import auto_exposure, inverse_geometric_mean
+from ..stages.noise import noise_level
+from ..stages.outliers import spread_removed
+from ..stages.pad import stack
+from ..stages.variance import clip, depth_feature, depth_feature_variance, scale
+from .features import COLOR_VARIANCES, FEATURE_VARIANCES, FEATURES, color_variance, features, hold_back_outliers
+from .parameters import parameter
+from .result import Result
+
+NAME = "guided"
+SUMMARY = "guided filter with albedo, normal and depth as guides: fast, at some cost in accuracy"
+NEEDS: tuple[str, ...] = ()
+USES = (*FEATURES, *FEATURE_VARIANCES, *COLOR_VARIANCES)
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Chosen by measurement (bench/sweep.py)."""
+
+    block: int = parameter(2, "one function is fitted for each block of so many pixels a side", low=1, high=8)
+    radius: int = parameter(2, "it is fitted to (2 r + 1)² blocks", low=0, high=8)
+    relative: float = parameter(
+        2.0, "errors count by 1 / luminance to this power: 0 as they are, 2 relatively", low=0.0, high=3.0
+    )
+    ridge: float = parameter(0.01, "regularisation of every feature, relative to its variance in the window", low=0.0)
+    noise_ridge: float = parameter(0.5, "regularisation by the variance that a feature has as noise", low=0.0)
+    floor: float = parameter(3e-5, "regularisation of every feature, absolute; features are of order 1", low=1e-6)
+    residual_radius: int = parameter(1, "residual and noise are compared over (2 r + 1)² blocks", low=0, high=64)
+    residual_noise: float = parameter(
+        1.0, "how much of the residual is noise, in units of the colour's variance; 0 leaves the colour alone", low=0.0
+    )
+    prefilter: bool = parameter(False, "filter noisy features first: a little more accurate, slower")
+    outliers: bool = parameter(True, "scale fireflies down to their neighbours and spread what was removed")
+    outlier_limit: float = parameter(1.0, "an outlier is brighter than this many times its neighbours", low=1.0)
+    spread_radius: int = parameter(50, "three boxes of this radius, in pixels, spread removed light", low=0, high=1024)
+    exposure: float | None = parameter(
+        None, "factor that brings colours to order 1; none: 0.18 / log-average luminance", kind=float, low=1e-30
+    )
+
+
+def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
+    """Door to exit without the door and the exit: planes in, planes out."""
+    exposure = engine.constant([p.exposure]) if p.exposure is not None else auto_exposure(engine, planes["color"])
+    color = scale(engine, planes["color"], exposure)
+    level = noise_level(engine, color)
+    variance = color_variance(engine, planes, color, exposure)
+    removed = None
+    if p.outliers:
+        removed, _ = hold_back_outliers(engine, planes, color, variance, p.outlier_limit)
+    guides, noise = _guides(engine, planes, p.prefilter)
+    out = box_fit(
+        engine,
+        color,
+        variance,
+        guides,
+        noise,
+        block=p.block,
+        radius=p.radius,
+        residual_radius=p.residual_radius,
+        relative=p.relative,
+        ridge=p.ridge,
+        noise_ridge=p.noise_ridge,
+        floor=p.floor,
+        residual_noise=p.residual_noise,
+    )
+    if removed is not None:
+        out = spread_removed(engine, out, removed, p.spread_radius)
+    return Result(scale(engine, out, exposure, -1), exposure, level, removed=removed, kept=color)
+
+
+def _guides(engine: Engine, planes: dict[str, Planes], prefiltered: bool) -> tuple[Planes | None, Planes | None]:
+    """The features that are there as planes of order 1, and the variances of their noise; None where there is none."""
+    names = [name for name in FEATURES if name in planes]
+    noisy = any(f"{name}_variance" in planes for name in names)
+    if not names:
+        return None, None
+    if prefiltered and noisy:
+        guides, noises = zip(*features(engine, planes), strict=True)
+    else:
+        guides, noises = zip(*(_plain(engine, planes, name, noisy) for name in names), strict=True)
+    return stack(engine, list(guides), 0), stack(engine, list(noises), 0) if noisy else None
+
+
+def _plain(engine: Engine, planes: dict[str, Planes], name: str, noisy: bool) -> tuple[Planes, Planes | None]:
+    """A feature on the scale of `features`, as noisy as it came, and its variance, 0 where it is not known."""
+    feature, variance = planes[name], planes.get(f"{name}_variance")
+    if name == "albedo":
+        feature = clip(engine, feature, 0.0, 1.0)
+    elif name == "depth":
+        inverse_scale = inverse_geometric_mean(engine, feature)
+        if variance is not None:
+            variance = depth_feature_variance(engine, feature, variance, inverse_scale)
+        feature = depth_feature(engine, feature, inverse_scale)
+    if variance is None and noisy:
+        variance = clip(engine, feature, 0.0, 0.0)
+    return feature, variance

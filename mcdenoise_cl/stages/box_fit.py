@@ -1,0 +1,82 @@
+"""Colours fitted by a linear function of the features over uniform windows (He et al. 2010; He and Sun 2015)."""
+
+from __future__ import annotations
+
+from ..engine import Engine, Planes
+from .box import box_mean
+
+#: Radius of the box, in pixels, whose mean luminance says what errors are relative to.
+LIGHT_RADIUS = 2
+
+
+def box_fit(
+    engine: Engine,
+    color: Planes,
+    variance: Planes,
+    features: Planes | None,
+    noise: Planes | None,
+    *,
+    block: int,
+    radius: int,
+    residual_radius: int,
+    relative: float,
+    ridge: float,
+    noise_ridge: float,
+    floor: float,
+    residual_noise: float,
+) -> Planes:
+    """Fit the colours by linear functions of the features, and give back what of the residual is not noise.
+
+    One function a block is fitted by least squares over the blocks around it, samples weighted by
+    1 / (luminance + 0.02)^relative, and averaged over the same window (He et al. 2010, with several guides). Pixels
+    take the functions of the blocks around them, interpolated, of their own features (He and Sun 2015). Of the
+    residual, color - fit, the share max(0, 1 - residual_noise V / S) is added back, S the weighted sum of its squares
+    over a window of blocks and V that of the variance. Windows are mirrored at block level.
+
+    Args:
+        color, variance: three planes each, in exposed units; the variance of the pixel mean.
+        features: planes of order 1; None for none, which leaves weighted means.
+        noise: the variance of each feature; None for exact ones.
+        block: side of a block in pixels.
+        radius, residual_radius: windows are (2 r + 1)² blocks.
+        relative: 0 counts errors as they are, 2 relative to the luminance of the surroundings.
+        ridge: added to a feature's variance in the window, relative to it.
+        noise_ridge: times the variance of a feature, added as well.
+        floor: added as well.
+        residual_noise: what noise explains of the residual, in units of the variance; 0 gives `color` back.
+
+    Returns:
+        Three planes; not below 0 where the pixel is not.
+    """
+    height, width = color.height, color.width
+    rows, columns = -(-height // block), -(-width // block)
+    count = features.channels if features else 0
+    guides = [features] if features else []
+    noises = [noise] if noise else []
+    defines = {"FEATURES": count, "BLOCK": block, "RADIUS": radius, **({"NOISE": None} if noise else {})}
+    blocks = (engine.vectors(columns), rows)
+
+    def launch(name: str, size: tuple[int, int], *arguments) -> None:
+        kernel = engine.kernel("box_fit.cl", f"box_fit_{name}", **defines)
+        engine.launch("box fit", kernel, size, *arguments, single=True)
+
+    light = engine.planes(1, height, width)
+    launch("luminance", (engine.vectors(width), height), color, height, width, light)
+    light = box_mean(engine, light, LIGHT_RADIUS)
+
+    group = 1 + (count + 3) + count * (count + 1) // 2 + 3 * count
+    groups, joined = engine.planes(group, rows, columns), engine.planes(group, rows, columns)
+    launch("blocks", blocks, light, color, *guides, *noises, height, width, float(relative), float(noise_ridge), groups)
+    launch("columns", blocks, groups, rows, columns, joined)
+    fit = engine.planes(3 * (count + 1), rows, columns)
+    launch("solve", blocks, joined, rows, columns, float(ridge), float(floor), fit)
+    del groups, joined
+    fit = box_mean(engine, fit, radius)
+
+    fitted, residual = engine.planes(3, height, width), engine.planes(2, rows, columns)
+    launch("apply", blocks, fit, light, color, variance, *guides, height, width, float(relative), fitted, residual)
+    residual = box_mean(engine, residual, residual_radius)
+    share, out = engine.planes(1, rows, columns), engine.planes(3, height, width)
+    launch("share", blocks, residual, rows, columns, float(residual_noise), share)
+    launch("restore", blocks, share, color, fitted, height, width, out)
+    return out

@@ -1,0 +1,188 @@
+"""Half differences, the choice between filters, and the method `auto`, on the device against float64."""
+
+from dataclasses import asdict
+
+import inputs
+import numpy as np
+import oracle
+import oracle_auto
+import oracle_choice as theory
+import pytest
+from test_regression import FULL, SIZES, full_scene
+from test_stages import close
+from transfer import to_array, to_planes
+
+from mcdenoise_cl import Denoiser, Frame, denoise
+from mcdenoise_cl.methods import auto, get_method
+from mcdenoise_cl.stages import choice, halves
+
+WINDOW = {"search_radius": 3, "patch_radius": 1, "wide_radius": 2, "wide_stride": 2, "spread_radius": 6}
+
+
+def options_of(**changed):
+    """The method's parameters as the oracle takes them."""
+    options = asdict(get_method("auto").make()) | changed
+    if not options.pop("outliers"):
+        options["outlier_limit"] = None
+    return options | {"limit": auto.LIMIT, "smoothing_radius": choice.SMOOTHING_RADIUS}
+
+
+def frame_like(image, seed):
+    """A filtered frame: colours near the image and a half difference."""
+    rng = np.random.default_rng(seed)
+    shape = image.shape[:2]
+    colors = image * (1 + 0.2 * rng.standard_normal((*shape, 1)))
+    return np.concatenate([colors, 0.1 * rng.standard_normal((*shape, 1))], axis=-1).astype(np.float32)
+
+
+def in_brief(frame):
+    return np.stack([oracle.luminance(frame[..., :3].astype(np.float64)), frame[..., 3]], axis=-1)
+
+
+@pytest.mark.parametrize(("height", "width"), SIZES)
+def test_half_differences(engine, height, width):
+    a, b = (inputs.planes("hdr", height, width, 3, seed=seed) for seed in (0, 1))
+    factor = inputs.planes("uniform", height, width)
+    out = halves.difference_of_halves(engine, *(to_planes(engine, plane) for plane in (a, b, factor)))
+    close(to_array(engine, out), factor * oracle.luminance(a.astype(np.float64) - b) / 2)
+    out = halves.difference_from_variance(engine, to_planes(engine, a))
+    expected = oracle_auto.normal_numbers(height, width) * oracle_auto.luminance_deviation(a.astype(np.float64))
+    close(to_array(engine, out), expected)
+
+
+@pytest.mark.parametrize(("height", "width"), [*SIZES, (37, 101)])
+@pytest.mark.parametrize("kind", ["uniform", "constant", "step", "textured"])
+@pytest.mark.parametrize(("prior", "doubt", "margin"), [(0.5, 0.4, 0.0), (0.0, 0.0, 0.4)])
+def test_choice(engine, kind, height, width, prior, doubt, margin):
+    image = inputs.planes(kind, height, width, 3)
+    current, candidate, noisy = (frame_like(image, seed) for seed in range(3))
+    variance = (0.02 * (image + 0.1)).astype(np.float32)
+    planes = [to_planes(engine, frame) for frame in (current, candidate, noisy)]
+    level = choice.luminance_noise(engine, to_planes(engine, variance))
+    target = choice.Target(planes[2], level, choice.luminance_around(engine, planes[0]))
+    noise = oracle.box_mean(oracle_auto.luminance_deviation(variance.astype(np.float64)) ** 2, 1)
+    scale = oracle.box_mean(oracle.luminance(current[..., :3].astype(np.float64)), 1) ** 2 + 1e-3
+    close(to_array(engine, target.noise), noise)
+
+    found = choice.compare(engine, *planes[:2], target, tracking=0.01, limit=1.0)
+    briefs = [in_brief(frame) for frame in (current, candidate, noisy)]
+    g, q = theory.compare(*briefs, noise, scale, tracking=0.01, limit=1.0)
+    for got, expected in zip(to_array(engine, found).transpose(2, 0, 1), (g, g * g, q), strict=True):
+        close(got, theory.twice_box_mean(expected, choice.SMOOTHING_RADIUS), tolerance=1e-5)
+
+    share = choice.mix_in(engine, *planes[:2], found, prior=prior, doubt=doubt, margin=margin)
+    expected = theory.share(g, q, radius=choice.SMOOTHING_RADIUS, prior=prior, doubt=doubt, margin=margin)
+    close(to_array(engine, share), expected, scale=1.0, tolerance=1e-3)
+    close(to_array(engine, planes[0]), current + expected[..., None] * (candidate - current), tolerance=1e-3)
+
+    error = choice.estimated_error(engine, planes[1], target, share)
+    expected = theory.estimated_error(briefs[1], briefs[2], expected, scale, radius=choice.SMOOTHING_RADIUS)
+    close(to_array(engine, error), expected, scale=max(expected.max(), q.max()), tolerance=1e-3)
+
+
+@pytest.mark.parametrize(("height", "width"), SIZES)
+@pytest.mark.parametrize(
+    "names",
+    [FULL, (*FULL, "color_a", "color_b"), FULL[:3], ("color_a", "color_b"), ("depth", "depth_variance"), ()],
+    ids=lambda names: "+".join(names) or "color alone",
+)
+def test_whole_method(height, width, names):
+    scene = full_scene(height, width)
+    planes = {name: scene[name] for name in names}
+    image, shares, error = oracle_auto.denoise_auto(scene["color"], planes, **options_of(**WINDOW))
+    result = denoise(scene["color"], **planes, method="auto", details=True, **WINDOW)
+    # A share near a clip changes by the rounding of a small quotient; the mix then by that share of a small step.
+    close(result.image, image, tolerance=5e-4)
+    close(result.error_map, error, scale=max(error.max(), 1e-2), tolerance=5e-3)
+    assert set(result.report.shares) == set(result.candidates)
+    if height * width > 1:  # in a single pixel every candidate is the input, and rounding decides
+        np.testing.assert_allclose(list(result.report.shares.values()), shares.mean((1, 2)), atol=5e-3)
+    assert result.model_map.shape == (height, width) and result.model_map.max() < len(result.candidates)
+
+
+def test_auto_is_what_happens_without_a_method():
+    scene = full_scene(24, 40)
+    np.testing.assert_array_equal(denoise(scene["color"]), denoise(scene["color"], method="auto"))
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_exposure_does_not_matter(scale):
+    scene = full_scene(24, 40)
+    scaled = {name: plane * np.float32(scale) if name.startswith("color") else plane for name, plane in scene.items()}
+    scaled["color_variance"] = scene["color_variance"] * np.float32(scale) ** 2
+    close(denoise(Frame(**scaled)) / scale, denoise(Frame(**scene)), tolerance=1e-4)
+
+
+def test_the_mix_is_better_than_the_regression_alone():
+    truth = inputs.features(96, 128, noise=0.0)["color"]
+    scene = inputs.features(96, 128)
+
+    def error(method):
+        image = denoise(Frame(**scene), method=method)
+        return np.mean((image - truth) ** 2 / (truth**2 + 0.01))
+
+    assert error("auto") < error("regression")
+
+
+def converged(noise=1e-4):
+    truth = inputs.features(64, 96, noise=0.0)
+    rng = np.random.default_rng(1)
+    sigma = noise * truth["color"]
+    frame = Frame(
+        color=(truth["color"] + sigma * rng.standard_normal(sigma.shape)).astype(np.float32),
+        color_variance=sigma**2,
+        **{name: truth[name] for name in ("albedo", "normal", "depth")},
+    )
+    return frame, truth["color"]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3])
+def test_no_harm_to_a_converged_frame(noise):
+    frame, truth = converged(noise)
+
+    def error(image):
+        return np.mean((image.astype(np.float64) - truth) ** 2 / (truth.astype(np.float64) ** 2 + 0.01))
+
+    assert error(denoise(frame)) <= error(frame.color) + 1e-11
+
+
+def test_the_estimated_error_tells_a_good_result_from_a_bad_one():
+    truth = inputs.features(96, 128, noise=0.0)["color"].astype(np.float64)
+    estimated, true = [], []
+    for noise in (0.25, 0.5, 1.0):
+        rng = np.random.default_rng(2)
+        sigma = (noise * 0.3 * truth).astype(np.float32)
+        scene = inputs.features(96, 128, noise=0.0)
+        color = (truth + sigma * rng.standard_normal((96, 128, 1))).astype(np.float32)
+        features = {name: scene[name] for name in ("albedo", "normal", "depth")}
+        given = {"color_variance": sigma**2, "outliers": False, "details": True}
+        result = denoise(color, **features, **given)
+        step = oracle.luminance(result.image.astype(np.float64) - truth)
+        estimated.append(result.report.estimated_error)
+        true.append(np.mean(step**2 / (oracle.luminance(truth) ** 2 + 1e-3)))
+    np.testing.assert_allclose(np.log(estimated), np.log(true), atol=np.log(2))
+
+
+def test_the_report_says_what_was_used():
+    scene = full_scene(24, 64)
+    scene["normal"][:] = (0, 0, 1)
+    scene["normal_variance"][:] = 0
+    scene["color"][10, 10] = 500
+    scene["color_variance"][10, 10] = 500**2
+    denoiser = Denoiser(24, 64, method="auto")
+    denoiser(Frame(**scene))
+    report = denoiser.report
+    assert report.features_used["normal"] == 0.0 and report.features_used["albedo"] == 1.0
+    assert sum(report.shares.values()) == pytest.approx(1.0, abs=1e-5)
+    kept = oracle_auto.prepare(scene["color"], {"color_variance": scene["color_variance"]}, 1.0, 1.0).color
+    lost = np.abs(scene["color"] - kept).sum()
+    assert report.energy_removed == pytest.approx(lost / np.abs(scene["color"]).sum(), rel=1e-3)
+    assert report.estimated_error == pytest.approx(float(denoiser.error_map.mean()))
+    off = Denoiser(24, 64, method="auto", outliers=False)
+    off(Frame(**scene))
+    assert off.report.energy_removed == 0.0
+
+
+def test_a_single_filter_has_no_maps():
+    result = denoise(full_scene(13, 17)["color"], method="nlm", details=True)
+    assert result.model_map is None and result.error_map is None and result.report.shares == {}
