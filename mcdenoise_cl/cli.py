@@ -131,13 +131,9 @@ def denoise(
     """
     from . import batch
 
-    options = {
-        "method": method or DEFAULT_METHOD,
-        "layers": _layers(layers),
-        "samples_per_pixel": samples,
-        "overwrite": force,
-    }
-    options |= _parameters(method or DEFAULT_METHOD, pairs) | {"device": _device(device)}
+    name = method or DEFAULT_METHOD
+    options = {"method": name, "layers": _layers(layers), "samples_per_pixel": samples, "overwrite": force}
+    options |= _parameters(name, pairs) | {"device": _device(device)}
     is_folder = Path(inputs[0]).is_dir()
     if len(inputs) > 1 and any(Path(name).is_dir() for name in inputs):
         raise _usage("there is a folder among several inputs, but one folder or several files are needed")
