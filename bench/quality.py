@@ -25,9 +25,10 @@ from frames import Case, add_arguments, chosen_cases
 from peers import STRENGTH, Peer, all_peers, denoised, installed
 
 import mcdenoise_cl
-from mcdenoise_cl import Denoiser, methods
+from mcdenoise_cl import Denoiser, Frame, methods
 from mcdenoise_cl.choose import pick_device
 from mcdenoise_cl.device import DeviceInfo
+from mcdenoise_cl.frame import PLANES
 from mcdenoise_cl.methods import Method
 from mcdenoise_cl.metrics import Scores, compare
 from mcdenoise_cl.pictures import find_crops, pillow, side_by_side, write_png
@@ -72,19 +73,22 @@ class Relative:
 
 
 def frame_images(
-    case: Case, device: DeviceInfo, chosen: list[Method], peers: list[Peer]
+    case: Case, device: DeviceInfo, chosen: list[Method], peers: list[Peer], without: list[str]
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """The frame denoised by all that can, by name, and a note for each that lacks a plane."""
+    """The frame denoised by all that can, by name, and a note for each that lacks a plane. `without`: planes that our
+    methods are not given."""
     present = case.frame.planes()
+    ours = Frame(**{name: plane for name, plane in present.items() if name not in without})
     images, notes = {INPUT: case.frame.color}, []
     for one in [*chosen, *peers]:
-        lacking = [plane for plane in one.needs if plane not in present]
+        given = present if isinstance(one, Peer) else ours.planes()
+        lacking = [plane for plane in one.needs if plane not in given]
         if lacking:
             notes.append(f"{one.name}: left out on {label(case)}, which has no {' and no '.join(lacking)}")
         elif isinstance(one, Peer):
             images[one.name] = denoised(one, case.frame, case.exposure)
         else:
-            images[one.name] = Denoiser(*case.frame.shape, method=one.name, device=device.device)(case.frame)
+            images[one.name] = Denoiser(*case.frame.shape, method=one.name, device=device.device)(ours)
     return images, notes
 
 
@@ -182,6 +186,8 @@ def arguments() -> argparse.ArgumentParser:
     add_arguments(parser)
     names = [method.name for method in methods()]
     parser.add_argument("--methods", nargs="+", choices=names, default=names, help="ours to measure; all by default")
+    planes = [name for name in PLANES if name != "color"]
+    parser.add_argument("--without", nargs="+", default=[], choices=planes, help="planes to keep from our methods")
     parser.add_argument("--no-peers", action="store_true", help="measure our methods only, relative to the input")
     parser.add_argument(
         "--strengths",
@@ -223,7 +229,7 @@ def main() -> None:
     for case in chosen_cases(options):
         start = time.perf_counter()
         print(f"measuring {label(case)}", file=sys.stderr, flush=True)
-        images, left_out = frame_images(case, info, chosen, peers)
+        images, left_out = frame_images(case, info, chosen, peers, options.without)
         notes += left_out
         if case.reference.color_a is None:
             notes.append(f"{label(case)}: its reference has no halves, so relMSE counts the reference's noise too")

@@ -13,9 +13,11 @@ import numpy as np
 
 from .api import Denoiser
 from .choose import pick_device
+from .details import Denoised
 from .errors import McdenoiseError, ParameterError
 from .exr import write_exr
 from .frame import Frame
+from .maps import map_sheet
 from .metrics import Scores, compare, frame_exposure
 from .pictures import Crop, feature_sheet, find_crops, normal_picture, pillow, side_by_side, to_png, write_png
 from .render import pick_variant, render
@@ -30,7 +32,8 @@ METHODS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "nlm": ("NLM", "nlm", {}),
     "ssim-nlm-printed": ("SSIM-NLM as printed", "ssim-nlm", {"stabilised": False}),
     "ssim-nlm": ("SSIM-NLM", "ssim-nlm", {}),
-    "auto": ("auto", "auto", {}),
+    "guided": ("guided", "guided", {}),
+    "auto": ("auto", "auto", {}),  # the last one, whose maps are shown
 }
 #: What stands above the table in the report.
 ABOUT = """\
@@ -106,7 +109,8 @@ def run_demo(
         denoiser = Denoiser(*noisy.shape, method=method, device=device, **parameters)
         images[name], times[label] = _timed(denoiser, noisy)
     progress("denoising", len(METHODS), len(METHODS))
-    used = denoiser.report.device
+    report = denoiser.report
+    found = Denoised(images["auto"], denoiser.model_map, denoiser.error_map, report)
     labels = {NOISY: f"input, {spp} spp"} | {name: label for name, (label, _, _) in METHODS.items()}
     scores = {labels[name]: compare(image, reference) for name, image in images.items()}
 
@@ -118,10 +122,11 @@ def run_demo(
     pictures = {
         "Side by side": _side_by_side(noisy, images, exposure, crops, labels, scores),
         "Features": feature_sheet(noisy),
+        "What auto did": map_sheet(found),
     }
     # Written first: by this report the next demo knows the folder as one it may use.
     about = ABOUT.format(scene=scene, spp=spp, reference_spp=reference_spp)
-    path = write_report(folder, scores, times=times, pictures=pictures, device=used, title=TITLE, text=about)
+    path = write_report(folder, scores, times=times, pictures=pictures, device=report.device, title=TITLE, text=about)
     write_exr(folder / f"{NOISY}.exr", noisy)
     write_exr(folder / f"{REFERENCE}.exr", reference)
     for name, image in images.items():
@@ -129,7 +134,7 @@ def run_demo(
         if name in METHODS:
             write_exr(folder / f"{name}.exr", image, template=folder / f"{NOISY}.exr")
     progress("writing", 1, 1)
-    return Demo(path, scores_table(scores, times), used, scores)
+    return Demo(path, scores_table(scores, times), report.device, scores)
 
 
 def _check_folder(folder: Path) -> None:

@@ -208,7 +208,7 @@ def test_wrong_usage(noisy, tmp_path, capsys):
         (["denoise", noisy, "-o", out, "--method", "no"], "'no' is not one of 'nlm'"),
         (["denoise", noisy, "-o", out, "--set", "h"], "--set is 'h', but NAME=VALUE is needed; see mcdenoise denoise"),
         (["denoise", noisy, "-o", out, "--set", "no=1"], "--set has 'no', but method auto has the parameters search"),
-        (["denoise", noisy, "-o", out, "--set", "h=wide"], "h is 'wide' but a number of at least 0, or none is needed"),
+        (["denoise", noisy, "-o", out, "--set", "exposure=wide"], "exposure is 'wide' but a number of at least 1e-30,"),
         (["denoise", noisy, "-o", out, "--set", "search_radius=-1"], "is -1 but a whole number from 0 to"),
         (["denoise", noisy, "-o", out, "--layer", "no=N"], "--layer has 'no', but the planes are color, albedo"),
         (
@@ -399,12 +399,12 @@ def test_demo(tmp_path):
     options = ["--out", out, "--width", 48, "--height", 32, "--spp", 4, "--reference-spp", 8]
     table = run("demo", *options, DRJIT_LIBLLVM_PATH="none")  # a tiny picture takes less time than compiling for LLVM
     assert [line.split("|")[1].strip() for line in table.splitlines()[2:]] == [
-        "input, 4 spp", "NLM", "SSIM-NLM as printed", "SSIM-NLM", "auto"
+        "input, 4 spp", "NLM", "SSIM-NLM as printed", "SSIM-NLM", "guided", "auto"
     ]  # fmt: skip
     assert "time, ms" in table
     text = (out / "report.md").read_text(encoding="utf-8")
     assert text.startswith("# mcdenoise demo\n") and table in text + "\n"
-    frames = ["auto.exr", "nlm.exr", "noisy.exr", "reference.exr", "ssim-nlm-printed.exr", "ssim-nlm.exr"]
+    frames = ["auto.exr", "guided.exr", "nlm.exr", "noisy.exr", "reference.exr", "ssim-nlm-printed.exr", "ssim-nlm.exr"]
     assert sorted(path.name for path in out.glob("*.exr")) == frames
     for name in frames:
         assert read_exr(out / name).shape == (32, 48)
@@ -416,7 +416,7 @@ def test_demo(tmp_path):
     clean = read_exr(out / "ssim-nlm.exr")
     np.testing.assert_array_equal(clean.color, denoise(noisy, method="ssim-nlm"))
     shown = re.findall(r"!\[.*\]\((.*)\)", text)
-    assert len(shown) == 2
+    assert len(shown) == 3
     with Image.open(out / shown[0]) as picture:
         assert picture.width > 4 * 48 and picture.height > 2 * 32
     # It knows its own folder again, and leaves what is not its own alone.
