@@ -46,18 +46,6 @@ kernel void apply_factor(CONST_PLANES(factor), PLANES(color), PLANES(variance), 
     }
 }
 
-/* A frame of three colours and a half difference as it was before apply_factor. */
-kernel void with_outliers(CONST_PLANES(frame), CONST_PLANES(removed), CONST_PLANES(factor), int height, int width,
-                          PLANES(out))
-{
-    const int x = get_global_id(0), y = get_global_id(1);
-    if (x >= width || y >= height)
-        return;
-    for (int c = 0; c < 3; c++)
-        AT(out, c, y, x) = AT(frame, c, y, x) + AT(removed, c, y, x);
-    AT(out, 3, y, x) = AT(frame, 3, y, x) / fmax(AT(factor, 0, y, x), 1e-4f);
-}
-
 /* The removed energy, blurred, goes back: half of it evenly, half in proportion to the brightness. */
 kernel void add_evenly(CONST_PLANES(image), CONST_PLANES(removed), int height, int width, PLANES(out), PLANES(gray))
 {

@@ -168,16 +168,12 @@ def denoise_auto(
     current = first + w[..., None] * (wide - first)
     g, q = compared(current, narrow, noisy, -tracking)
     n = share(g, q, radius=smoothing_radius, prior=0.0, doubt=doubt, margin=0.0)
-    filtered = current = current + n[..., None] * (narrow - current)
-    original = noisy
-    if outlier_limit is not None:
-        colors = spread_removed(current[..., :3], f.removed, spread_radius)
-        current = np.concatenate([colors, current[..., 3:]], axis=-1)
-        difference = noisy[..., 3] / np.maximum(f.factor, 1e-4)
-        original = np.concatenate([f.color + f.removed, difference[..., None]], axis=-1)
-    g, q = compared(current, original, original, 0.0)
+    filtered = current + n[..., None] * (narrow - current)
+    g, q = compared(filtered, noisy, noisy, 0.0)
     i = share(g, q, radius=smoothing_radius, prior=0.0, doubt=0.0, margin=caution)
-    current = current + i[..., None] * (original - current)
+    image = filtered[..., :3] + i[..., None] * (f.color - filtered[..., :3])
     error = estimated_error(in_brief(filtered), in_brief(noisy), i, scale, radius=smoothing_radius)
     parts = np.stack([i, (1 - i) * n, (1 - i) * (1 - n) * (1 - w), (1 - i) * (1 - n) * w])
-    return current[..., :3] / f.exposure, parts, error
+    if outlier_limit is not None:
+        image = spread_removed(image, f.removed, spread_radius)
+    return image / f.exposure, parts, error

@@ -7,7 +7,7 @@ samples, or two halves made up from the variance, tells which is nearer to the t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ..engine import Engine, Planes
 from ..stages.choice import (
@@ -21,7 +21,6 @@ from ..stages.choice import (
     variance_left,
 )
 from ..stages.halves import difference_from_variance, difference_of_halves
-from ..stages.outliers import spread_removed, with_outliers
 from ..stages.pad import stack
 from ..stages.regression import first_order_regression
 from ..stages.variance import channel_sum, clip, scale
@@ -92,17 +91,11 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
     narrow_share = mix_in(engine, current, narrow, found, prior=0.0, doubt=p.doubt, margin=0.0)
     filtered = stack(engine, [current], 0)
 
-    # The input comes in with its outliers, and so after theirs have been spread.
-    original = noisy
-    if frame.removed is not None:
-        colors = spread_removed(engine, current.part(0, 3), frame.removed, p.spread_radius)
-        current = stack(engine, [colors, current.part(3, 1)], 0)
-        original = with_outliers(engine, noisy, frame.removed, frame.factor)
-    found = compare(engine, current, original, replace(target, frame=original), tracking=0.0, limit=LIMIT)
-    input_share = mix_in(engine, current, original, found, prior=0.0, doubt=0.0, margin=p.caution)
+    found = compare(engine, current, noisy, target, tracking=0.0, limit=LIMIT)
+    input_share = mix_in(engine, current, noisy, found, prior=0.0, doubt=0.0, margin=p.caution)
     error = estimated_error(engine, filtered, target, input_share)
     shares = parts_of_mix(engine, wide_share, narrow_share, input_share)
-    return finish(engine, frame, current.part(0, 3), terms, shares=shares, error=error)
+    return finish(engine, frame, current.part(0, 3), p, terms, shares=shares, error=error)
 
 
 def _half_difference(engine: Engine, planes: dict[str, Planes], frame: Prepared) -> Planes:

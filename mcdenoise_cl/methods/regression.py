@@ -115,13 +115,13 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
         bandwidth=p.bandwidth,
         **ridges(p),
     )
+    return finish(engine, frame, out, p, terms)
+
+
+def finish(engine: Engine, frame: Prepared, out: Planes, p: Parameters, terms: Terms | None, **found: Any) -> Result:
+    """Give the light of the outliers back, undo the exposure, and hand on what was found."""
     if frame.removed is not None:
         out = spread_removed(engine, out, frame.removed, p.spread_radius)
-    return finish(engine, frame, out, terms)
-
-
-def finish(engine: Engine, frame: Prepared, out: Planes, terms: Terms | None, **found: Any) -> Result:
-    """Undo the exposure, and hand on what was found."""
     return Result(
         scale(engine, out, frame.exposure, -1),
         frame.exposure,

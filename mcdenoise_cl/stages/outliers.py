@@ -27,15 +27,6 @@ def scale_outliers(
     return removed, factor
 
 
-def with_outliers(engine: Engine, frame: Planes, removed: Planes, factor: Planes) -> Planes:
-    """Three colours and a half difference (see `halves`) as they were before `scale_outliers`."""
-    out = engine.planes(4, frame.height, frame.width)
-    kernel = engine.kernel("outliers.cl", "with_outliers")
-    size = (frame.width, frame.height)
-    engine.launch("outliers", kernel, size, frame, removed, factor, frame.height, frame.width, out)
-    return out
-
-
 def spread_removed(engine: Engine, image: Planes, removed: Planes, radius: int) -> Planes:
     """Give the removed energy back: blurred by three box means, half of it evenly, half in proportion to brightness."""
     height, width = image.height, image.width
