@@ -4,21 +4,7 @@
  * (l the luminance) are what the filter makes of two independent halves. Each is judged by the half that it has not
  * seen. All is relative to the luminance of the surroundings.
  */
-#include "common.h"
-
-#define LUMINANCE(p, y, x) luminance_at(p + INDEX(p, 0, y, x), p##_plane)
-inline float luminance_at(global const float *p, int plane)
-{
-    return 0.2126f * p[0] + 0.7152f * p[plane] + 0.0722f * p[2 * plane];
-}
-
-kernel void luminance_plane(CONST_PLANES(image), int height, int width, PLANES(out))
-{
-    const int x = get_global_id(0), y = get_global_id(1);
-    if (x >= width || y >= height)
-        return;
-    AT(out, 0, y, x) = LUMINANCE(image, y, x);
-}
+#include "luminance.h"
 
 /* Of noise that the channels share. */
 kernel void luminance_variance(CONST_PLANES(variance), int height, int width, PLANES(out))
@@ -47,14 +33,6 @@ kernel void variance_left(CONST_PLANES(frame), int height, int width, PLANES(out
     AT(out, 0, y, x) = d * d * fmin(squares / fmax(l * l, 1e-12f), MOST_COLORED);
 }
 
-/* Errors count relative to the luminance around, in exposed units, where the frame's log-average is 0.18. */
-#define LEAST_LUMINANCE2 1e-3f
-
-inline float relative(float value, float surroundings)
-{
-    return value / (surroundings * surroundings + LEAST_LUMINANCE2);
-}
-
 /* D r, r within half of D, which is where the truth lies if one of the two is right, and the bound for its noise. */
 inline float limited(float change, float beyond, float bound)
 {
@@ -62,15 +40,15 @@ inline float limited(float change, float beyond, float bound)
     return change * clamp(beyond, -most, most);
 }
 
-/* out: how much nearer to the truth the candidate is than the middle of the two (g), its square, and the squared
- * distance of the two (q).
+/* out: how much nearer to the truth the candidate is than the middle of the two (g), its square or, if the noise is
+ * known pixel by pixel, the variance that this noise gives it, and the squared distance of the two (q).
  *
  * With D what the candidate changes in one half and r how far the other half lies beyond the middle, D r is an unbiased
  * estimate but for two things: filters whose weights come from the whole frame follow a part of its noise (`tracking`),
  * and the halves are noisier than the frame (the last two terms). r is limited to `limit` standard deviations: the
  * noise of few samples has long tails. */
 kernel void compare(CONST_PLANES(current), CONST_PLANES(candidate), CONST_PLANES(target), CONST_PLANES(noise),
-                    CONST_PLANES(surroundings), int height, int width, float tracking, float limit, PLANES(out))
+                    CONST_PLANES(surroundings), int height, int width, float tracking, float limit, int known, PLANES(out))
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
@@ -85,8 +63,9 @@ kernel void compare(CONST_PLANES(current), CONST_PLANES(candidate), CONST_PLANES
     const float g = tracking * AT(noise, 0, y, x) + 0.5f * (a + b) + d_step * d + 0.5f * d_step * d_step;
     const float scaled = relative(g, AT(surroundings, 0, y, x));
     AT(out, 0, y, x) = scaled;
-    AT(out, 1, y, x) = scaled * scaled;
-    AT(out, 2, y, x) = relative(step * step, AT(surroundings, 0, y, x));
+    const float q = relative(step * step, AT(surroundings, 0, y, x));
+    AT(out, 1, y, x) = known ? 2.f * q * relative(AT(noise, 0, y, x), AT(surroundings, 0, y, x)) : scaled * scaled;
+    AT(out, 2, y, x) = q;
 }
 
 /* Frames as near to each other as this, squared and relative, are taken for equal. */

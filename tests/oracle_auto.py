@@ -37,6 +37,12 @@ class Prepared:
     noise: np.ndarray
 
 
+def smooth_variance(variance: np.ndarray, color: np.ndarray) -> np.ndarray:
+    """The mean of v / (l² + 1e-3) over 5x5 pixels, times l² + 1e-3; l twice the 3x3 mean of the luminance."""
+    square = box_mean(box_mean(luminance(color), 1), 1)[..., None] ** 2 + 1e-3
+    return box_mean(variance / square, 2) * square
+
+
 def prepare(color: np.ndarray, planes: dict, outlier_limit: float | None, exposure: float | None) -> Prepared:
     """The variance is the one given, else from the halves, else from the image; features prefiltered if noisy."""
     color = np.asarray(color, dtype=np.float64)
@@ -70,7 +76,7 @@ def prepare(color: np.ndarray, planes: dict, outlier_limit: float | None, exposu
         features.append(plane)
         noise.append(left)
     joined = np.concatenate(features, axis=-1), np.concatenate(noise, axis=-1)
-    return Prepared(e, kept, c - kept, factor, raw, box_mean(raw, 2), *joined)
+    return Prepared(e, kept, c - kept, factor, raw, smooth_variance(raw, kept), *joined)
 
 
 def denoise_regression(
@@ -80,7 +86,7 @@ def denoise_regression(
     search_radius: int,
     patch_radius: int,
     bandwidth: float,
-    outlier_limit: float | None = 1.0,
+    outlier_limit: float | None = 1.1,
     spread_radius: int = 50,
     exposure: float | None = None,
     **ridges: float,
@@ -140,7 +146,7 @@ def denoise_auto(
     caution: float,
     limit: float,
     smoothing_radius: int,
-    outlier_limit: float | None = 1.0,
+    outlier_limit: float | None = 1.1,
     spread_radius: int = 50,
     exposure: float | None = None,
     **ridges: float,
@@ -169,8 +175,11 @@ def denoise_auto(
     g, q = compared(current, narrow, noisy, -tracking)
     n = share(g, q, radius=smoothing_radius, prior=0.0, doubt=doubt, margin=0.0)
     filtered = current + n[..., None] * (narrow - current)
+    if "color_variance" in planes:
+        noise = luminance_deviation(f.raw) ** 2
     g, q = compared(filtered, noisy, noisy, 0.0)
-    i = share(g, q, radius=smoothing_radius, prior=0.0, doubt=0.0, margin=caution)
+    known = 2.0 * q * noise / scale
+    i = share(g, q, radius=smoothing_radius, prior=0.0, doubt=0.0, margin=caution, square=known)
     image = filtered[..., :3] + i[..., None] * (f.color - filtered[..., :3])
     error = estimated_error(in_brief(filtered), in_brief(noisy), i, scale, radius=smoothing_radius)
     parts = np.stack([i, (1 - i) * n, (1 - i) * (1 - n) * (1 - w), (1 - i) * (1 - n) * w])

@@ -59,17 +59,27 @@ def twice_box_mean(image: np.ndarray, radius: int) -> np.ndarray:
     return wide_box_mean(wide_box_mean(image, radius), radius)
 
 
-def share(g: np.ndarray, q: np.ndarray, *, radius: int, prior: float, doubt: float, margin: float) -> np.ndarray:
+def share(
+    g: np.ndarray,
+    q: np.ndarray,
+    *,
+    radius: int,
+    prior: float,
+    doubt: float,
+    margin: float,
+    square: np.ndarray | None = None,
+) -> np.ndarray:
     """The weight of the candidate in the mix, (H, W), in [0, 1].
 
     (1 - a) current + a candidate has the error E - 2 a (g + q / 2) + a² q, least at a = 1/2 + g / q. With
-    gs = G(g), qs = G(q), sd = sqrt(max(G(g²) - gs², 0)):
+    gs = G(g), qs = G(q), sd = sqrt(max(G(g²) - gs², 0)), or `square`, if given, for g²:
 
         trust = 1 / (1 + ((doubt · sd + 1e-10) / (qs + 1e-11))²)
         a = clip(trust · (1/2 + (gs - margin · sd) / (qs + 1e-11)) + (1 - trust) · prior, 0, 1)
     """
     gs, qs = twice_box_mean(g, radius), twice_box_mean(q, radius) + LEAST_DIFFERENCE
-    sd = np.sqrt(np.maximum(twice_box_mean(np.asarray(g, dtype=np.float64) ** 2, radius) - gs**2, 0.0))
+    square = np.asarray(g, dtype=np.float64) ** 2 if square is None else square
+    sd = np.sqrt(np.maximum(twice_box_mean(square, radius) - gs**2, 0.0))
     trust = 1.0 / (1.0 + ((doubt * sd + DOUBTFUL_DIFFERENCE) / qs) ** 2)
     return np.clip(trust * (0.5 + (gs - margin * sd) / qs) + (1.0 - trust) * prior, 0.0, 1.0)
 

@@ -15,6 +15,8 @@ from transfer import to_array, to_planes
 from mcdenoise_cl import Denoiser, Frame, denoise
 from mcdenoise_cl.methods import auto, get_method
 from mcdenoise_cl.stages import choice, halves
+from mcdenoise_cl.stages.box import box_mean
+from mcdenoise_cl.stages.luminance import luminance_around, smooth_variance
 
 WINDOW = {"search_radius": 3, "patch_radius": 1, "wide_radius": 2, "wide_stride": 2, "spread_radius": 6}
 
@@ -51,27 +53,47 @@ def test_half_differences(engine, height, width):
 
 
 @pytest.mark.parametrize(("height", "width"), [*SIZES, (37, 101)])
+@pytest.mark.parametrize("kind", inputs.KINDS)
+def test_smooth_variance(engine, kind, height, width):
+    color = inputs.planes(kind, height, width, 3)
+    variance = inputs.planes("hdr", height, width, 3, seed=1)
+    got = to_array(engine, smooth_variance(engine, to_planes(engine, variance), to_planes(engine, color), 2))
+    np.testing.assert_allclose(got, oracle_auto.smooth_variance(variance, color.astype(np.float64)), rtol=1e-4)
+
+
+def test_a_bright_light_gives_its_noise_to_no_wall(engine):
+    color = np.full((20, 40, 3), 0.1, np.float32)
+    color[:, 20:] = 100
+    variance = 0.01 * color**2
+    smooth = to_array(engine, smooth_variance(engine, to_planes(engine, variance), to_planes(engine, color), 2))
+    assert (smooth[:, :18] <= 1.01 * variance[:, :18]).all() and (smooth[:, :18] >= 0.3 * variance[:, :18]).all()
+    assert (oracle.box_mean(variance.astype(np.float64), 2)[:, 18] > 1e4 * variance[:, 18]).all()
+
+
+@pytest.mark.parametrize(("height", "width"), [*SIZES, (37, 101)])
 @pytest.mark.parametrize("kind", ["uniform", "constant", "step", "textured"])
-@pytest.mark.parametrize(("prior", "doubt", "margin"), [(0.5, 0.4, 0.0), (0.0, 0.0, 0.4)])
-def test_choice(engine, kind, height, width, prior, doubt, margin):
+@pytest.mark.parametrize(("prior", "doubt", "margin", "known"), [(0.5, 0.4, 0.0, False), (0.0, 0.0, 0.4, True)])
+def test_choice(engine, kind, height, width, prior, doubt, margin, known):
     image = inputs.planes(kind, height, width, 3)
     current, candidate, noisy = (frame_like(image, seed) for seed in range(3))
     variance = (0.02 * (image + 0.1)).astype(np.float32)
     planes = [to_planes(engine, frame) for frame in (current, candidate, noisy)]
-    level = choice.luminance_noise(engine, to_planes(engine, variance))
-    target = choice.Target(planes[2], level, choice.luminance_around(engine, planes[0]))
+    level = box_mean(engine, choice.luminance_noise(engine, to_planes(engine, variance)), 1)
+    target = choice.Target(planes[2], level, luminance_around(engine, planes[0]))
     noise = oracle.box_mean(oracle_auto.luminance_deviation(variance.astype(np.float64)) ** 2, 1)
     scale = oracle.box_mean(oracle.luminance(current[..., :3].astype(np.float64)), 1) ** 2 + 1e-3
     close(to_array(engine, target.noise), noise)
 
-    found = choice.compare(engine, *planes[:2], target, tracking=0.01, limit=1.0)
+    found = choice.compare(engine, *planes[:2], target, tracking=0.01, limit=1.0, known=known)
     briefs = [in_brief(frame) for frame in (current, candidate, noisy)]
     g, q = theory.compare(*briefs, noise, scale, tracking=0.01, limit=1.0)
-    for got, expected in zip(to_array(engine, found).transpose(2, 0, 1), (g, g * g, q), strict=True):
+    square = 2 * q * noise / scale if known else g * g
+    for got, expected in zip(to_array(engine, found).transpose(2, 0, 1), (g, square, q), strict=True):
         close(got, theory.twice_box_mean(expected, choice.SMOOTHING_RADIUS), tolerance=1e-5)
 
     share = choice.mix_in(engine, *planes[:2], found, prior=prior, doubt=doubt, margin=margin)
-    expected = theory.share(g, q, radius=choice.SMOOTHING_RADIUS, prior=prior, doubt=doubt, margin=margin)
+    options = {"prior": prior, "doubt": doubt, "margin": margin, "square": square}
+    expected = theory.share(g, q, radius=choice.SMOOTHING_RADIUS, **options)
     close(to_array(engine, share), expected, scale=1.0, tolerance=1e-3)
     close(to_array(engine, planes[0]), current + expected[..., None] * (candidate - current), tolerance=1e-3)
 
@@ -174,7 +196,7 @@ def test_the_report_says_what_was_used():
     report = denoiser.report
     assert report.features_used["normal"] == 0.0 and report.features_used["albedo"] == 1.0
     assert sum(report.shares.values()) == pytest.approx(1.0, abs=1e-5)
-    kept = oracle_auto.prepare(scene["color"], {"color_variance": scene["color_variance"]}, 1.0, 1.0).color
+    kept = oracle_auto.prepare(scene["color"], {"color_variance": scene["color_variance"]}, 1.1, 1.0).color
     lost = np.abs(scene["color"] - kept).sum()
     assert report.energy_removed == pytest.approx(lost / np.abs(scene["color"]).sum(), rel=1e-3)
     assert report.estimated_error == pytest.approx(float(denoiser.error_map.mean()))

@@ -29,7 +29,7 @@ SMALL = WINDOWS | RIDGES
 FIRST = {"search_radius": 7, "patch_radius": 2, "bandwidth": 0.72}
 FIRST |= {"ridge": 0.02, "noise_ridge": 5.0, "position_ridge": 0.1}
 WIDE = {"wide_radius": 3, "wide_stride": 3, "wide_bandwidth": 1.8}
-CHOICE = {"tracking": 0.01, "doubt": 0.42, "caution": 0.42, "limit": 1.0, "smoothing_radius": 4}
+CHOICE = {"tracking": 0.01, "doubt": 0.42, "caution": 0.1, "limit": 1.0, "smoothing_radius": 4}
 AUTO = FIRST | WIDE | CHOICE
 
 
@@ -60,7 +60,8 @@ def loop_denoise(color, e, variance, parts, limit, significant, spread_radius, *
     """The steps in order, from loops; `variance` that of e · color, `parts` pairs of a feature and its variance."""
     c = e * np.float64(color)
     kept, factor = (c, np.ones(c.shape[:2])) if limit is None else loop_outliers(c, limit, variance, significant)
-    variance = loop_mean(variance * factor[..., None] ** 2, 2)
+    square = loop_mean(loop_mean(oracle.luminance(kept)[..., None], 1), 1) ** 2 + 1e-3
+    variance = loop_mean(variance * factor[..., None] ** 2 / square, 2) * square
     pairs = [(p, np.zeros(p.shape)) if v is None else loop_prefilter(p, v, 2, 1) for p, v in parts]
     plane = np.concatenate([np.zeros((*c.shape[:2], 0)), *(p for p, _ in pairs)], axis=-1)
     noise = np.concatenate([np.zeros((*c.shape[:2], 0)), *(v for _, v in pairs)], axis=-1)
@@ -127,7 +128,7 @@ def test_regression_keeps_a_constant_and_follows_the_exposure():
     assert_close(ora.denoise_regression(1000.0 * color, scene, **SMALL) / 1000.0, one, 1e-9)
     set_by_hand = ora.denoise_regression(color, scene, **SMALL, exposure=oracle.auto_exposure(color))
     assert np.array_equal(set_by_hand, one)
-    defaults = {"outlier_limit": 1.0, "spread_radius": 50, "exposure": None}
+    defaults = {"outlier_limit": 1.1, "spread_radius": 50, "exposure": None}
     assert np.array_equal(ora.denoise_regression(color, scene, **SMALL, **defaults), one)
     # The image's own noise sets the distances, so that the exposure acts only beside the constant 1e-8.
     other = ora.denoise_regression(color, scene, **SMALL, exposure=1e-4)
@@ -348,6 +349,6 @@ def test_auto_follows_the_exposure_and_has_the_defaults_of_regression():
     assert_close(image / 1000.0, one[0], 1e-7)
     assert_close(shares, one[1], 1e-6)
     assert_close(error, one[2], 1e-7)
-    defaults = {"outlier_limit": 1.0, "spread_radius": 50, "exposure": oracle.auto_exposure(color)}
+    defaults = {"outlier_limit": 1.1, "spread_radius": 50, "exposure": oracle.auto_exposure(color)}
     for result, expected in zip(ora.denoise_auto(color, given, **options, **defaults), one, strict=True):
         assert np.array_equal(result, expected)

@@ -7,20 +7,21 @@ samples, or two halves made up from the variance, tells which is nearer to the t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..engine import Engine, Planes
+from ..stages.box import box_mean
 from ..stages.choice import (
     Target,
     compare,
     estimated_error,
-    luminance_around,
     luminance_noise,
     mix_in,
     parts_of_mix,
     variance_left,
 )
 from ..stages.halves import difference_from_variance, difference_of_halves
+from ..stages.luminance import luminance_around
 from ..stages.pad import stack
 from ..stages.regression import first_order_regression
 from ..stages.variance import channel_sum, clip, scale
@@ -47,7 +48,7 @@ class Parameters(regression.Parameters):
     wide_bandwidth: float = parameter(1.8, "how far its colours may differ, in units of the noise left", low=1e-3)
     tracking: float = parameter(0.01, "part of the noise that the weights of the first pass follow", low=0.0, high=1.0)
     doubt: float = parameter(0.42, "how soon an uncertain choice becomes the usual mix", low=0.0)
-    caution: float = parameter(0.42, "by how much the input must be better to be kept", low=0.0)
+    caution: float = parameter(0.1, "by how much the input must be better to be kept", low=0.0)
 
 
 #: Residuals count up to so many standard deviations of the noise, whose tails are long.
@@ -83,7 +84,9 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
         bandwidth=p.wide_bandwidth,
         **ridges(p),
     )
-    target = Target(noisy, luminance_noise(engine, frame.variance), luminance_around(engine, current))
+    target = Target(
+        noisy, box_mean(engine, luminance_noise(engine, frame.variance), 1), luminance_around(engine, current)
+    )
     # The wide fit takes half where nothing is known: two estimates of like error average to a better one.
     found = compare(engine, current, wide, target, tracking=p.tracking, limit=LIMIT)
     wide_share = mix_in(engine, current, wide, found, prior=0.5, doubt=p.doubt, margin=0.0)
@@ -91,7 +94,9 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
     narrow_share = mix_in(engine, current, narrow, found, prior=0.0, doubt=p.doubt, margin=0.0)
     filtered = stack(engine, [current], 0)
 
-    found = compare(engine, current, noisy, target, tracking=0.0, limit=LIMIT)
+    if "color_variance" in planes:
+        target = replace(target, noise=luminance_noise(engine, frame.raw_variance))
+    found = compare(engine, current, noisy, target, tracking=0.0, limit=LIMIT, known=True)
     input_share = mix_in(engine, current, noisy, found, prior=0.0, doubt=0.0, margin=p.caution)
     error = estimated_error(engine, filtered, target, input_share)
     shares = parts_of_mix(engine, wide_share, narrow_share, input_share)

@@ -12,8 +12,8 @@ from typing import Any
 import pyopencl as cl
 
 from ..engine import Engine, Planes
-from ..stages.box import box_mean
 from ..stages.exposure import auto_exposure
+from ..stages.luminance import smooth_variance
 from ..stages.noise import noise_level
 from ..stages.outliers import spread_removed
 from ..stages.pad import stack
@@ -41,7 +41,7 @@ class Parameters:
     noise_ridge: float = parameter(5.0, "regularisation by the noise that a feature still has", low=0.0)
     position_ridge: float = parameter(0.1, "regularisation of the slope that no feature explains", low=0.0)
     outliers: bool = parameter(True, "scale fireflies down to their neighbours and spread what was removed")
-    outlier_limit: float = parameter(1.0, "an outlier is brighter than this many times its neighbours", low=1.0)
+    outlier_limit: float = parameter(1.1, "an outlier is brighter than this many times its neighbours", low=1.0)
     spread_radius: int = parameter(50, "three boxes of this radius, in pixels, spread removed light", low=0, high=1024)
     exposure: float | None = parameter(
         None, "factor that brings colours to order 1; none: 0.18 / log-average luminance", kind=float, low=1e-30
@@ -55,7 +55,8 @@ class Prepared:
     Attributes:
         exposure, level: as in `Result`.
         color: three planes, outliers scaled down.
-        raw_variance, variance: of the pixel mean, three planes, before and after smoothing over 5x5.
+        raw_variance, variance: of the pixel mean, three planes, before and after smoothing over 5x5, relative
+            to the luminance.
         removed, factor: what was taken from outliers, and what each pixel was multiplied by; None if they stayed.
         features, noise: stacked planes of the features and of the variance they have left; None without any.
         names: the feature that each plane belongs to.
@@ -86,7 +87,7 @@ def prepare(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Prepare
     both = [stack(engine, list(each), 0) for each in zip(*groups, strict=True)] or [None, None]
     names = [name for name in FEATURES if name in planes]
     names = [name for name, (feature, _) in zip(names, groups, strict=True) for _ in range(feature.channels)]
-    smooth = box_mean(engine, variance, 2)
+    smooth = smooth_variance(engine, variance, color, 2)
     return Prepared(exposure, level, color, variance, smooth, removed, factor, *both, tuple(names))
 
 

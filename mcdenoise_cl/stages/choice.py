@@ -31,13 +31,8 @@ class Target:
 
 
 def luminance_noise(engine: Engine, variance: Planes) -> Planes:
-    """The variance of the luminance, of noise that the channels share, smoothed over 3x3: one plane of three."""
-    return box_mean(engine, _one_plane(engine, "luminance_variance", variance), 1)
-
-
-def luminance_around(engine: Engine, frame: Planes) -> Planes:
-    """The mean luminance over 3x3 pixels, one plane."""
-    return box_mean(engine, _one_plane(engine, "luminance_plane", frame), 1)
+    """The variance of the luminance, of noise that the channels share: one plane of three."""
+    return _one_plane(engine, "luminance_variance", variance)
 
 
 def variance_left(engine: Engine, frame: Planes) -> Planes:
@@ -46,20 +41,28 @@ def variance_left(engine: Engine, frame: Planes) -> Planes:
 
 
 def compare(
-    engine: Engine, current: Planes, candidate: Planes, target: Target, *, tracking: float, limit: float
+    engine: Engine,
+    current: Planes,
+    candidate: Planes,
+    target: Target,
+    *,
+    tracking: float,
+    limit: float,
+    known: bool = False,
 ) -> Planes:
     """How much nearer to the truth a candidate is than the middle of the two; its square; their squared distance.
 
     Args:
         tracking: part of the input's noise that `current` follows more than `candidate` does.
         limit: residuals count up to this many standard deviations.
+        known: the noise of each pixel is known, and with it the spread of what is found, which need not be looked for.
 
     Returns:
         Three smoothed planes, relative to the squared luminance of the surroundings.
     """
     found = engine.planes(3, current.height, current.width)
     inputs = current, candidate, target.frame, target.noise, target.surroundings
-    _launch(engine, "compare", found, *inputs, after=(float(tracking), float(limit)))
+    _launch(engine, "compare", found, *inputs, after=(float(tracking), float(limit), int(known)))
     return _smooth(engine, found)
 
 

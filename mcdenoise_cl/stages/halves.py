@@ -14,7 +14,7 @@ def difference_from_variance(engine: Engine, variance: Planes) -> Planes:
     """A normal random number a pixel, of the variance that its luminance has; the same in every run.
 
     With n of the variance of c, c + n and c - n are uncorrelated: two halves where a renderer wrote none (Oliveira,
-    Lei, Tibshirani 2021, "Unbiased risk estimation in the normal means problem via coupled bootstrap techniques").
+    Lei, Tibshirani 2021, "Unbiased Risk Estimation in the Normal Means Problem via Coupled Bootstrap Techniques").
     """
     return _run(engine, "difference_from_variance", variance)
 

@@ -1,0 +1,25 @@
+/* The luminance of a pixel, and values relative to that of its surroundings. */
+#ifndef MCDENOISE_LUMINANCE_H
+#define MCDENOISE_LUMINANCE_H
+#include "common.h"
+
+#define LUMINANCE(p, y, x) luminance_at(p + INDEX(p, 0, y, x), p##_plane)
+inline float luminance_at(global const float *p, int plane)
+{
+    return 0.2126f * p[0] + 0.7152f * p[plane] + 0.0722f * p[2 * plane];
+}
+
+/* Noise and errors go with the square of the luminance, in exposed units, where the frame's log-average is 0.18. */
+#define LEAST_LUMINANCE2 1e-3f
+
+inline float square_of(float surroundings)
+{
+    return surroundings * surroundings + LEAST_LUMINANCE2;
+}
+
+inline float relative(float value, float surroundings)
+{
+    return value / square_of(surroundings);
+}
+
+#endif
