@@ -82,7 +82,7 @@ def make_report(engine: Engine, method: Method, parameters: Any, result: Result,
         energy_removed=_energy_removed(engine, result),
         features_used=_features_used(engine, result),
         shares=dict(zip(CANDIDATES, _means(engine, result.shares), strict=True)) if result.shares else {},
-        estimated_error=_means(engine, result.error)[0] if result.error else None,
+        estimated_error=_means(engine, result.error())[0] if result.error else None,
         stage_ms=stage_ms,
     )
 
@@ -94,7 +94,7 @@ def model_map(engine: Engine, result: Result) -> np.ndarray | None:
 
 def error_map(engine: Engine, result: Result) -> np.ndarray | None:
     """(H, W): the estimated relative squared error."""
-    return None if result.error is None else _download(engine, result.error)[0]
+    return None if result.error is None else _download(engine, result.error())[0]
 
 
 def _energy_removed(engine: Engine, result: Result) -> float:

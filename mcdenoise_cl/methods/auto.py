@@ -8,6 +8,7 @@ samples, or two halves made up from the variance, tells which is nearer to the t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 from ..engine import Engine, Planes
 from ..stages.box import box_mean
@@ -41,8 +42,10 @@ CANDIDATES = ("input", "narrow", "regression", "wide")
 
 @dataclass(frozen=True)
 class Parameters(regression.Parameters):
-    """Those of `regression` for the first pass, and what the second pass and the choice need (bench/sweep.py)."""
+    """Those of `regression` for the first pass, whose window may be smaller where another follows, and what the second
+    pass and the choice need (bench/sweep.py)."""
 
+    search_radius: int = parameter(6, "the first fits use (2 r + 1)² pixels, and about half as wide", low=0, high=10)
     wide_radius: int = parameter(3, "the second fit uses (2 r + 1)² pixels", low=1, high=7)
     wide_stride: int = parameter(3, "and takes every so many-th of them", low=1, high=6)
     wide_bandwidth: float = parameter(1.8, "how far its colours may differ, in units of the noise left", low=1e-3)
@@ -98,7 +101,7 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
         target = replace(target, noise=luminance_noise(engine, frame.raw_variance))
     found = compare(engine, current, noisy, target, tracking=0.0, limit=LIMIT, known=True)
     input_share = mix_in(engine, current, noisy, found, prior=0.0, doubt=0.0, margin=p.caution)
-    error = estimated_error(engine, filtered, target, input_share)
+    error = partial(estimated_error, engine, filtered, target, input_share)
     shares = parts_of_mix(engine, wide_share, narrow_share, input_share)
     return finish(engine, frame, current.part(0, 3), p, terms, shares=shares, error=error)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import pyopencl as cl
@@ -22,7 +23,7 @@ class Result:
             looked for.
         feature_names, terms: the feature of each plane that colours were fitted to, and which of them were used where.
         shares: what each of `auto.CANDIDATES` contributes, one plane each, their sum 1. None for a single filter.
-        error: the estimated relative squared error, one plane; None where it is not estimated.
+        error: makes the plane of the estimated relative squared error, for those who ask; None where there is none.
     """
 
     color: Planes
@@ -33,4 +34,4 @@ class Result:
     feature_names: tuple[str, ...] = ()
     terms: Terms | None = None
     shares: Planes | None = None
-    error: Planes | None = None
+    error: Callable[[], Planes] | None = None
