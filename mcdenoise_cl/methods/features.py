@@ -46,22 +46,30 @@ def hold_back_outliers(
     return scale_outliers(engine, color, variance, limit, significant)
 
 
+def plain_feature(engine: Engine, planes: dict[str, Planes], name: str) -> tuple[Planes, Planes | None]:
+    """A feature on a scale of order 1, as noisy as it came, and its variance; None where that is not known."""
+    feature, variance = planes[name], planes.get(f"{name}_variance")
+    if name == "albedo":
+        feature = clip(engine, feature, 0.0, 1.0)
+    elif name == "depth":
+        inverse_scale = inverse_geometric_mean(engine, feature)
+        if variance is not None:
+            variance = depth_feature_variance(engine, feature, variance, inverse_scale)
+        feature = depth_feature(engine, feature, inverse_scale)
+    return feature, variance
+
+
+def no_variance(engine: Engine, feature: Planes) -> Planes:
+    """Zeros, for a feature that is taken as exact."""
+    return clip(engine, feature, 0.0, 0.0)
+
+
 def features(engine: Engine, planes: dict[str, Planes]) -> list[tuple[Planes, Planes]]:
     """Each feature that is there, prefiltered if its variance is there, and the variance that is left."""
     groups = []
     for name in FEATURES:
-        if name not in planes:
-            continue
-        feature, variance = planes[name], planes.get(f"{name}_variance")
-        if name == "albedo":
-            feature = clip(engine, feature, 0.0, 1.0)
-        elif name == "depth":
-            inverse_scale = inverse_geometric_mean(engine, feature)
-            if variance is not None:
-                variance = depth_feature_variance(engine, feature, variance, inverse_scale)
-            feature = depth_feature(engine, feature, inverse_scale)
-        if variance is None:
-            groups.append((feature, clip(engine, feature, 0.0, 0.0)))  # zeros: taken as exact
-        else:
-            groups.append(prefilter(engine, feature, variance))
+        if name in planes:
+            feature, variance = plain_feature(engine, planes, name)
+            exact = variance is None
+            groups.append((feature, no_variance(engine, feature)) if exact else prefilter(engine, feature, variance))
     return groups

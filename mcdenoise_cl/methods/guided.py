@@ -10,12 +10,21 @@ from dataclasses import dataclass
 
 from ..engine import Engine, Planes
 from ..stages.box_fit import box_fit
-from ..stages.exposure import auto_exposure, inverse_geometric_mean
+from ..stages.exposure import auto_exposure
 from ..stages.noise import noise_level
 from ..stages.outliers import spread_removed
 from ..stages.pad import stack
-from ..stages.variance import clip, depth_feature, depth_feature_variance, scale
-from .features import COLOR_VARIANCES, FEATURE_VARIANCES, FEATURES, color_variance, features, hold_back_outliers
+from ..stages.variance import scale
+from .features import (
+    COLOR_VARIANCES,
+    FEATURE_VARIANCES,
+    FEATURES,
+    color_variance,
+    features,
+    hold_back_outliers,
+    no_variance,
+    plain_feature,
+)
 from .parameters import parameter
 from .result import Result
 
@@ -94,15 +103,6 @@ def _guides(engine: Engine, planes: dict[str, Planes], prefiltered: bool) -> tup
 
 
 def _plain(engine: Engine, planes: dict[str, Planes], name: str, noisy: bool) -> tuple[Planes, Planes | None]:
-    """A feature on the scale of `features`, as noisy as it came, and its variance, 0 where it is not known."""
-    feature, variance = planes[name], planes.get(f"{name}_variance")
-    if name == "albedo":
-        feature = clip(engine, feature, 0.0, 1.0)
-    elif name == "depth":
-        inverse_scale = inverse_geometric_mean(engine, feature)
-        if variance is not None:
-            variance = depth_feature_variance(engine, feature, variance, inverse_scale)
-        feature = depth_feature(engine, feature, inverse_scale)
-    if variance is None and noisy:
-        variance = clip(engine, feature, 0.0, 0.0)
-    return feature, variance
+    """`plain_feature`, its variance 0 where it is not known but that of others is."""
+    feature, variance = plain_feature(engine, planes, name)
+    return feature, no_variance(engine, feature) if variance is None and noisy else variance
