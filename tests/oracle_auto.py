@@ -144,6 +144,7 @@ def denoise_auto(
     tracking: float,
     doubt: float,
     caution: float,
+    keep: float,
     limit: float,
     smoothing_radius: int,
     outlier_limit: float | None = 1.1,
@@ -179,7 +180,7 @@ def denoise_auto(
         noise = luminance_deviation(f.raw) ** 2
     g, q = compared(filtered, noisy, noisy, 0.0)
     known = 2.0 * q * noise / scale
-    i = share(g, q, radius=smoothing_radius, prior=0.0, doubt=0.0, margin=caution, square=known)
+    i = share(g, q, radius=smoothing_radius, prior=1.0, doubt=keep, margin=caution, square=known)
     image = filtered[..., :3] + i[..., None] * (f.color - filtered[..., :3])
     error = estimated_error(in_brief(filtered), in_brief(noisy), i, scale, radius=smoothing_radius)
     parts = np.stack([i, (1 - i) * n, (1 - i) * (1 - n) * (1 - w), (1 - i) * (1 - n) * w])

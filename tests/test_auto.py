@@ -26,7 +26,7 @@ def options_of(**changed):
     options = asdict(get_method("auto").make()) | changed
     if not options.pop("outliers"):
         options["outlier_limit"] = None
-    return options | {"limit": auto.LIMIT, "smoothing_radius": choice.SMOOTHING_RADIUS}
+    return options | {"limit": auto.LIMIT, "keep": auto.KEEP, "smoothing_radius": choice.SMOOTHING_RADIUS}
 
 
 def frame_like(image, seed):

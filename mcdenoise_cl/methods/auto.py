@@ -51,8 +51,12 @@ class Parameters(regression.Parameters):
     wide_bandwidth: float = parameter(1.8, "how far its colours may differ, in units of the noise left", low=1e-3)
     tracking: float = parameter(0.01, "part of the noise that the weights of the first pass follow", low=0.0, high=1.0)
     doubt: float = parameter(0.42, "how soon an uncertain choice becomes the usual mix", low=0.0)
-    caution: float = parameter(0.1, "by how much the input must be better to be kept", low=0.0)
+    caution: float = parameter(0.05, "by how much the input must be better to be kept", low=0.0)
 
+
+#: The input is kept as it is where the fit differs from it by less than about 2 KEEP² of its variance: there is next to
+#: nothing to gain.
+KEEP = 0.05
 
 #: Residuals count up to so many standard deviations of the noise, whose tails are long.
 LIMIT = 1.0
@@ -100,7 +104,7 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
     if "color_variance" in planes:
         target = replace(target, noise=luminance_noise(engine, frame.raw_variance))
     found = compare(engine, current, noisy, target, tracking=0.0, limit=LIMIT, known=True)
-    input_share = mix_in(engine, current, noisy, found, prior=0.0, doubt=0.0, margin=p.caution)
+    input_share = mix_in(engine, current, noisy, found, prior=1.0, doubt=KEEP, margin=p.caution)
     error = partial(estimated_error, engine, filtered, target, input_share)
     shares = parts_of_mix(engine, wide_share, narrow_share, input_share)
     return finish(engine, frame, current.part(0, 3), p, terms, shares=shares, error=error)
