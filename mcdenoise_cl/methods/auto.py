@@ -51,7 +51,7 @@ class Parameters(regression.Parameters):
     wide_bandwidth: float = parameter(1.8, "how far its colours may differ, in units of the noise left", low=1e-3)
     tracking: float = parameter(0.01, "part of the noise that the weights of the first pass follow", low=0.0, high=1.0)
     doubt: float = parameter(0.42, "how soon an uncertain choice becomes the usual mix", low=0.0)
-    caution: float = parameter(0.05, "by how much the input must be better to be kept", low=0.0)
+    caution: float = parameter(0.1, "by how much the input must be better to be kept", low=0.0)
 
 
 #: The input is kept as it is where the fit differs from it by less than about 2 KEEP² of its variance: there is next to
