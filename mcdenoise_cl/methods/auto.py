@@ -34,7 +34,7 @@ from .result import Result
 __all__ = ["NAME", "NEEDS", "SUMMARY", "USES", "Parameters", "run"]
 
 NAME = "auto"
-SUMMARY = "regressions over narrow, middle and wide windows, mixed by their estimated error; never worse than the input"
+SUMMARY = "regressions over narrow, middle and wide windows, mixed by their estimated error"
 
 #: In the order of `Result.shares`, from the simplest.
 CANDIDATES = ("input", "narrow", "regression", "wide")
