@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import threading
 from dataclasses import dataclass, field
@@ -42,19 +43,29 @@ class DeviceInfo:
     device: cl.Device = field(repr=False)
 
 
+#: Environment variable that forces one of SCHEDULES on every device.
+SCHEDULE_VARIABLE = "MCDENOISE_SCHEDULE"
+SCHEDULES = ("tile", "group")
+
+
 @dataclass(frozen=True)
 class Shape:
     """How work is cut for a device.
 
     Attributes:
-        width: floats to a vector.
+        schedule: "tile", a work-item filters a tile of pixels with explicit vectors (CPUs); or "group", a work-group
+            filters one, a pixel or a few to a work-item, and shares what it needs in local memory (GPUs).
+        width: floats to a vector; 1 in the group schedule.
         tile: (columns, rows) of pixels to a work-item of the patch kernels.
         deep: the same for kernels that keep a value for each offset of the search window.
+        group: (columns, rows) of work-items to a work-group of the group schedule.
     """
 
+    schedule: str
     width: int
     tile: tuple[int, int]
     deep: tuple[int, int]
+    group: tuple[int, int]
 
 
 def list_devices() -> list[DeviceInfo]:
@@ -94,15 +105,26 @@ def describe(index: int, device: cl.Device) -> DeviceInfo:
 
 
 def shape_for(device: cl.Device) -> Shape:
-    """Vector width and tile for a device.
+    """Schedule, vector width and tiles for a device.
 
-    A CPU runtime gets wide tiles of explicit vectors, whose scratch (about 30 KB with the widest tile) stays in a
-    core's first-level cache and well inside the smallest stack seen; any other device gets one pixel column a
-    work-item, and its own compiler makes the vectors.
+    The tile schedule, for CPU runtimes, takes wide tiles of explicit vectors, whose scratch (about 30 KB with the
+    widest tile) stays in a core's first-level cache and well inside the smallest stack seen. The group schedule is for
+    anything else, whose own compiler makes the vectors.
+
+    Raises:
+        DeviceError: MCDENOISE_SCHEDULE names no schedule.
     """
-    if device.type & cl.device_type.CPU:
-        return Shape(width=max(4, min(16, device.native_vector_width_float)), tile=(64, 16), deep=(32, 8))
-    return Shape(width=1, tile=(1, 4), deep=(1, 1))
+    cpu = bool(device.type & cl.device_type.CPU)
+    schedule = os.environ.get(SCHEDULE_VARIABLE) or ("tile" if cpu else "group")
+    if schedule not in SCHEDULES:
+        raise DeviceError(
+            f"environment variable {SCHEDULE_VARIABLE} is {schedule!r}: set it to {' or '.join(SCHEDULES)}, or unset it"
+        )
+    group = (32, 8) if device.max_work_group_size >= 256 else (16, 4)
+    if schedule == "group":
+        return Shape("group", width=1, tile=(1, 4), deep=(1, 1), group=group)
+    width = max(4, min(16, device.native_vector_width_float))
+    return Shape("tile", width=width, tile=(64, 16), deep=(32, 8), group=group)
 
 
 _contexts: dict[cl.Device, cl.Context] = {}

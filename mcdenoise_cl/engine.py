@@ -87,6 +87,11 @@ class Engine:
         columns, rows = self.shape.deep if deep else self.shape.tile
         return -(-width // columns), -(-height // rows)
 
+    def group_defines(self) -> dict[str, int]:
+        """The macros that say how large a work-group of the group schedule is."""
+        columns, rows = self.shape.group
+        return {"GROUP_COLUMNS": columns, "GROUP_ROWS": rows}
+
     def memory(self, size: int) -> cl.MemoryObjectHolder:
         """Bytes from the pool, uninitialised.
 
@@ -123,13 +128,22 @@ class Engine:
         cl.enqueue_fill_buffer(self.queue, buffer, np.int32(0), 0, 4 * count)
         return buffer
 
-    def launch(self, stage: str, kernel: cl.Kernel, size: tuple[int, ...], *arguments, single: bool = False) -> None:
+    def launch(
+        self,
+        stage: str,
+        kernel: cl.Kernel,
+        size: tuple[int, ...],
+        *arguments,
+        single: bool = False,
+        local: tuple[int, ...] | None = None,
+    ) -> None:
         """Enqueue a kernel; Planes become their four arguments, Python numbers 32-bit ones.
 
         Args:
             stage: the name under which its time is reported.
-            size: global size.
+            size: global size; rounded up to whole work-groups of `local`.
             single: one work-item a work-group, as tiles want it on a CPU.
+            local: size of a work-group, for kernels that share local memory; None leaves it to the runtime.
         """
         flat: list = []
         for argument in arguments:
@@ -141,7 +155,10 @@ class Engine:
                 flat.append(np.float32(argument))
             else:
                 flat.append(argument)
-        local = (1,) * len(size) if single and self.shape.width > 1 else None
+        if local is not None:
+            size = tuple(_round_up(n, group) for n, group in zip(size, local, strict=True))
+        elif single and self.shape.width > 1:
+            local = (1,) * len(size)
         event = kernel(self.queue, size, local, *flat)
         if self.profiling:
             self._events.append((stage, event))
