@@ -12,8 +12,8 @@ inline float brightest(CONST_PLANES(color), int y, int x)
 }
 #define BRIGHTEST(y, x) brightest(color, color_origin, color_row, color_plane, y, x)
 
-/* factor: one plane, what each pixel is multiplied by. What stands out by more than `significant` of its own standard
- * deviations is really there: a firefly, one sample in many, stands out by about one. */
+/* factor: one plane, what each pixel is multiplied by. What stands out of its neighbours by more than `significant` of
+ * its own standard deviations is really there: a firefly, one sample in many, stands out by about one. */
 kernel void outlier_factor(CONST_PLANES(color), CONST_PLANES(variance), int height, int width, float limit,
                            float significant, PLANES(factor))
 {
@@ -25,9 +25,9 @@ kernel void outlier_factor(CONST_PLANES(color), CONST_PLANES(variance), int heig
     float most = fmax(fmax(BRIGHTEST(up, left), BRIGHTEST(up, x)), BRIGHTEST(up, right));
     most = fmax(most, fmax(BRIGHTEST(y, left), BRIGHTEST(y, right)));
     most = fmax(most, fmax(fmax(BRIGHTEST(down, left), BRIGHTEST(down, x)), BRIGHTEST(down, right)));
-    const float own = BRIGHTEST(y, x), bound = limit * fmax(most, 0.f);
+    const float own = BRIGHTEST(y, x), around = fmax(most, 0.f), bound = limit * around;
     const float deviation = sqrt(fmax(AT(variance, 0, y, x) + AT(variance, 1, y, x) + AT(variance, 2, y, x), 0.f));
-    const bool outlier = own > bound && (own - bound) / significant <= deviation;
+    const bool outlier = own > bound && (own - around) / significant <= deviation;
     AT(factor, 0, y, x) = outlier ? bound / own : 1.f;
 }
 

@@ -52,7 +52,7 @@ inline void patch_sum(global const float *a, global const float *b, int row, int
 /* How far two pixels differ beyond what their noise explains, in units of that noise (Rousselle et al. 2012, with the
  * channels taken together: one division): the row of differences that line y of a tile's patches needs. a and b as
  * above; va and vb point likewise into one plane, the sum of the channels' variances. */
-#define LEAST_VARIANCE 1e-8f
+#define LEAST_VARIANCE 1e-12f
 
 inline void excess_row(global const float *a, global const float *b, int row, int plane, global const float *va,
                        global const float *vb, int v_row, int channels, int y, float excess[SPAN_VECTORS * WIDTH])
