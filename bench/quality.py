@@ -1,4 +1,4 @@
-"""Quality beside the peers: every method with its defaults, Open Image Denoise, OpenCV and scikit-image.
+"""Quality beside the peers: every entry of entries.py, Open Image Denoise, OpenCV and scikit-image.
 
     python bench/quality.py [--frames FOLDER] [--spp 4 32 128] [--methods NAME ...] [--no-peers]
                             [--strengths 1.6 ...] [--json FILE] [--pictures FOLDER]
@@ -16,20 +16,19 @@ import json
 import sys
 import time
 from dataclasses import asdict, dataclass
-from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+from entries import ENTRIES, Entry, chosen_entries
 from frames import Case, add_arguments, chosen_cases
+from machine import machine, versions
 from peers import STRENGTH, Peer, all_peers, denoised, installed
 
-import mcdenoise_cl
-from mcdenoise_cl import Denoiser, Frame, methods
+from mcdenoise_cl import Denoiser, Frame
 from mcdenoise_cl.choose import pick_device
 from mcdenoise_cl.device import DeviceInfo
 from mcdenoise_cl.frame import PLANES
-from mcdenoise_cl.methods import Method
 from mcdenoise_cl.metrics import Scores, compare
 from mcdenoise_cl.pictures import find_crops, pillow, side_by_side, write_png
 from mcdenoise_cl.report import scores_table
@@ -40,8 +39,6 @@ BASELINE = "OIDN high"
 #: Scores of which less is better; of the others more is.
 LESS = ("relmse", "relmse_trimmed", "flip")
 SCORES = {"relmse": "relMSE", "relmse_trimmed": "trimmed relMSE", "psnr": "PSNR", "ssim": "SSIM", "flip": "FLIP"}
-#: Packages whose versions can change a figure, by the module that they bring.
-MODULES = ("numpy", "pyopencl", "pyoidn", "cv2", "skimage", "flip_evaluator")
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,7 @@ class Relative:
 
 
 def frame_images(
-    case: Case, device: DeviceInfo, chosen: list[Method], peers: list[Peer], without: list[str]
+    case: Case, device: DeviceInfo, chosen: list[Entry], peers: list[Peer], without: list[str]
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """The frame denoised by all that can, by name, and a note for each that lacks a plane. `without`: planes that our
     methods are not given."""
@@ -88,7 +85,7 @@ def frame_images(
         elif isinstance(one, Peer):
             images[one.name] = denoised(one, case.frame, case.exposure)
         else:
-            images[one.name] = Denoiser(*case.frame.shape, method=one.name, device=device.device)(ours)
+            images[one.name] = Denoiser(*case.frame.shape, device=device.device, **one.arguments)(ours)
     return images, notes
 
 
@@ -123,6 +120,23 @@ def relative(rows: list[Row], baseline: str) -> list[Relative]:
         mean = geometric_mean([ratios.get(f) for f in frames])
         result.append(Relative(name, means, mean, ratios.get(worst), worst))
     return result
+
+
+def absolute(rows: list[Row]) -> dict[str, dict[int, float | None]]:
+    """Geometric mean over the scenes of every image's relMSE, by name and sample count, for chart.py."""
+    found: dict[str, dict[int, list[float | None]]] = {}
+    for row in rows:
+        # A relMSE of 0 or less is lost in the reference's noise.
+        value = row.scores.relmse if row.scores.relmse > 0 else None
+        found.setdefault(row.name, {}).setdefault(row.spp, []).append(value)
+    scenes = {spp: len({row.scene for row in rows if row.spp == spp}) for spp in {row.spp for row in rows}}
+    return {
+        name: {
+            spp: geometric_mean(values) if len(values) == scenes[spp] else None
+            for spp, values in sorted(counts.items())
+        }
+        for name, counts in found.items()
+    }
 
 
 def geometric_mean(values: list[float | None]) -> float | None:
@@ -174,17 +188,10 @@ def twins(rows: list[Row]) -> list[str]:
     return [f"{b}: the same as {a} on every frame" for a, b in pairs]
 
 
-def versions() -> dict[str, str]:
-    """Installed packages by the name they were installed under."""
-    brought_by = metadata.packages_distributions()
-    names = sorted({name for module in MODULES for name in brought_by.get(module, ())})
-    return {"mcdenoise-cl": mcdenoise_cl.__version__, **{name: metadata.version(name) for name in names}}
-
-
 def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
-    names = [method.name for method in methods()]
+    names = list(ENTRIES)
     parser.add_argument("--methods", nargs="+", choices=names, default=names, help="ours to measure; all by default")
     planes = [name for name in PLANES if name != "color"]
     parser.add_argument("--without", nargs="+", default=[], choices=planes, help="planes to keep from our methods")
@@ -222,7 +229,7 @@ def main() -> None:
     peers, notes = prepare(options)
     info = pick_device()
     device = f"{info.name} ({info.runtime}, {info.version})"
-    chosen = [method for method in methods() if method.name in options.methods]
+    chosen = chosen_entries(options.methods)
     print(f"Device: {device}\n\n{', '.join(f'{name} {version}' for name, version in versions().items())}")
 
     rows: list[Row] = []
@@ -258,11 +265,13 @@ def main() -> None:
     if options.json:
         figures = {
             "device": device,
+            "machine": machine(info),
             "versions": versions(),
             "baseline": BASELINE if with_baseline else INPUT,
             "notes": notes,
             "frames": [asdict(row) for row in rows],
             "relative": [asdict(one) for one in table],
+            "means": absolute(rows),
         }
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
 

@@ -1,0 +1,47 @@
+"""What of ours is measured, in one place: a name as tables and charts show it, and what `Denoiser` gets for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from mcdenoise_cl.methods import get_method
+
+#: Name -> keyword arguments of `Denoiser`, besides the frame's size and the device. A preset is one more line, for
+#: instance "auto, fast": {"method": "auto", "preset": "fast"}; a method without one stands for its defaults.
+ENTRIES: dict[str, dict[str, Any]] = {
+    "nlm": {"method": "nlm"},
+    "ssim-nlm": {"method": "ssim-nlm"},
+    "guided": {"method": "guided"},
+    "regression": {"method": "regression"},
+    "auto": {"method": "auto"},
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One of our denoisers with one choice of settings.
+
+    Attributes:
+        name: as tables show it, a key of ENTRIES.
+        arguments: keyword arguments of `Denoiser`.
+        needs: planes besides `color`.
+        planes: every plane that the method looks at.
+    """
+
+    name: str
+    arguments: dict[str, Any]
+    needs: tuple[str, ...]
+    planes: tuple[str, ...]
+
+
+def entry(name: str) -> Entry:
+    """The entry of that name."""
+    arguments = ENTRIES[name]
+    method = get_method(arguments["method"])
+    return Entry(name, arguments, method.needs, ("color", *method.needs, *method.uses))
+
+
+def chosen_entries(names: list[str]) -> list[Entry]:
+    """Entries by name, in the order of ENTRIES."""
+    return [entry(name) for name in ENTRIES if name in names]
