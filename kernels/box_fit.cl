@@ -7,9 +7,10 @@
  * fits that alone, and is wrong by its size in the dark.
  *
  * A group of samples is so many planes: the sum of weights; the means of the VARIABLES, features first, colours after;
- * and sum w (v_a - mean_a) (f_b - mean_b) of every variable a and feature b, of features only b <= a. Groups are joined
- * about the mean of the middle one, and anew for each window: weights span so many powers of ten that a sum from which
- * a bright block was taken away again would be wrong.
+ * and sum w (v_a - mean_a) (f_b - mean_b) of every variable a and feature b, of features only b <= a. Groups are only
+ * ever joined: weights span so many powers of ten that a sum from which a bright block was taken away again would be
+ * wrong. Still no window costs more than three joins (van Herk 1992, Gil and Werman 1993): cut into stretches as long as
+ * a window, each window is the end of one and the beginning of the next.
  */
 #include "common.h"
 
@@ -31,11 +32,6 @@
 #define PIXELS (BLOCK * BLOCK)
 #define SIDE (2 * RADIUS + 1)
 
-/* sum w, sum w d and sum w d d^T, d the distance from a reference */
-typedef struct {
-    vec weight, first[VARIABLES], second[ROOM];
-} Sums;
-
 /* In exposed units: below the one, errors count alike; the other keeps weights within float32. */
 #define DARKEST 0.02f
 #define BRIGHTEST 1e5f
@@ -54,7 +50,7 @@ inline vec every(global const float *row, int x, int n)
         return vload8(0, row + x).even;
 #elif BLOCK == 2 && WIDTH == 8
     if (x + 16 <= n)
-        return vload16(0, row + x).even;
+        return (float8)(vload8(0, row + x).even, vload8(0, row + x + 8).even);
 #endif
     float line[WIDTH];
     for (int i = 0; i < WIDTH; i++)
@@ -124,42 +120,79 @@ kernel void box_fit_luminance(CONST_PLANES(color), int height, int width, PLANES
           out + INDEX(out, 0, y, x));
 }
 
-/* COUNT samples, or groups by their means, this far from a reference; `second` holds sums of its own already. Sums stay
- * in registers over the samples, which is why a macro makes one function for each count. */
-#define DEFINE_ADD(NAME, COUNT)                                                      \
-    inline void NAME(Sums *s, const vec weight[COUNT], vec delta[VARIABLES][COUNT])  \
-    {                                                                                \
-        s->weight = (vec)(0.f);                                                      \
-        for (int i = 0; i < COUNT; i++)                                              \
-            s->weight += weight[i];                                                  \
-        for (int a = 0; a < VARIABLES; a++) {                                        \
-            vec weighted[COUNT], first = (vec)(0.f);                                 \
-            for (int i = 0; i < COUNT; i++) {                                        \
-                weighted[i] = weight[i] * delta[a][i];                               \
-                first += weighted[i];                                                \
-            }                                                                        \
-            s->first[a] = first;                                                     \
-            for (int b = 0; b < FEATURES && b <= a; b++) {                           \
-                vec sum = s->second[PRODUCT(a, b)];                                  \
-                for (int i = 0; i < COUNT; i++)                                      \
-                    sum += weighted[i] * delta[b][i];                                \
-                s->second[PRODUCT(a, b)] = sum;                                      \
-            }                                                                        \
-        }                                                                            \
-    }
-DEFINE_ADD(add_pixels, PIXELS)
-DEFINE_ADD(add_groups, SIDE)
+typedef struct {
+    vec weight, mean[VARIABLES], product[ROOM];
+} Group;
 
-/* From the reference to the mean; afterwards `first` holds the means less the reference. */
-inline void settle(Sums *s)
+/* a and b as one (Chan et al. 1979), to either of them or to a third. */
+inline void join(const Group *a, const Group *b, Group *both)
 {
-    const vec scale = 1.f / s->weight;
-    for (int a = VARIABLES - 1; a >= 0; a--) /* features, which colours need unscaled, last */
-        for (int b = 0; b < FEATURES && b <= a; b++)
-            s->second[PRODUCT(a, b)] -= s->first[a] * s->first[b] * scale;
-    for (int a = 0; a < VARIABLES; a++)
-        s->first[a] *= scale;
+    const vec weight = a->weight + b->weight, part = b->weight / weight, common = a->weight * part;
+    vec apart[VARIABLES];
+    for (int v = 0; v < VARIABLES; v++) {
+        apart[v] = b->mean[v] - a->mean[v];
+        both->mean[v] = a->mean[v] + part * apart[v];
+    }
+    for (int v = 0; v < VARIABLES; v++) {
+        const vec weighted = common * apart[v];
+        for (int f = 0; f < FEATURES && f <= v; f++) {
+            const int i = PRODUCT(v, f);
+            both->product[i] = a->product[i] + b->product[i] + weighted * apart[f];
+        }
+    }
+    both->weight = weight;
 }
+
+inline void load_group(CONST_PLANES(group), int y, int x, Group *out)
+{
+    out->weight = VECTOR_AT(group, 0, y, x);
+    for (int v = 0; v < VARIABLES; v++)
+        out->mean[v] = VECTOR_AT(group, MEAN(v), y, x);
+    for (int i = 0; i < PRODUCTS; i++)
+        out->product[i] = VECTOR_AT(group, COVARIANCE(i), y, x);
+}
+#define LOAD_GROUP(y, x, out) load_group(group, group_origin, group_row, group_plane, y, x, out)
+
+/* ends[i]: the groups of rows `first` + i to `first` + 2 RADIUS as one, mirrored. */
+inline void join_ends(CONST_PLANES(group), int first, int x, int height, Group ends[SIDE])
+{
+    LOAD_GROUP(reflect(first + SIDE - 1, height), x, &ends[SIDE - 1]);
+    for (int i = SIDE - 2; i >= 0; i--) {
+        Group own;
+        LOAD_GROUP(reflect(first + i, height), x, &own);
+        join(&own, &ends[i + 1], &ends[i]);
+    }
+}
+
+/* The window that begins at row `first` + i, of the end ends[i] and the beginning of the rows that follow, which grows
+ * by one row with each i > 0. */
+inline void next_window(CONST_PLANES(group), int first, int i, int x, int height, const Group ends[SIDE],
+                        Group *beginning, Group *window)
+{
+    if (i == 0) {
+        *window = ends[0];
+        return;
+    }
+    Group own;
+    LOAD_GROUP(reflect(first + SIDE - 1 + i, height), x, &own);
+    if (i == 1)
+        *beginning = own;
+    else
+        join(beginning, &own, beginning);
+    join(&ends[i], beginning, window);
+}
+#define NEXT_WINDOW(i) \
+    next_window(group, group_origin, group_row, group_plane, first, i, x, height, ends, &beginning, &window)
+
+/* WIDTH values of a row become a piece of a column. */
+inline void store_transposed(vec value, global float *column, int row, int count)
+{
+    float line[WIDTH];
+    STORE(value, line);
+    for (int i = 0; i < WIDTH && i < count; i++)
+        column[i * row] = line[i];
+}
+#define STORE_TRANSPOSED(value, p, c, y, x, width) store_transposed(value, p + INDEX(p, c, x, y), p##_row, (width) - (x))
 
 /* light: luminance around each pixel. out: a group for each block; those at the far edges hold the pixels there are.
  * The noise of a feature counts as spread of its own. */
@@ -175,10 +208,11 @@ kernel void box_fit_blocks(CONST_PLANES(light), CONST_PLANES(color),
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x * BLOCK >= width || y * BLOCK >= height)
         return;
-    Sums s;
+    Group own;
+    own.weight = (vec)(0.f);
     for (int i = 0; i < ROOM; i++)
-        s.second[i] = (vec)(0.f);
-    vec reference[VARIABLES], delta[VARIABLES][PIXELS], weight[PIXELS];
+        own.product[i] = (vec)(0.f);
+    vec delta[VARIABLES][PIXELS], weight[PIXELS];
     for (int i = 0; i < PIXELS; i++) {
         const int below = y * BLOCK + i / BLOCK, row = min(below, height - 1), column = x * BLOCK + i % BLOCK;
         weight[i] = relative_weight(EVERY(light, 0, row, column, width), relative);
@@ -186,6 +220,7 @@ kernel void box_fit_blocks(CONST_PLANES(light), CONST_PLANES(color),
             weight[i] *= present(column, width);
         if (below >= height)
             weight[i] = (vec)(0.f);
+        own.weight += weight[i];
         for (int a = 0; a < 3; a++)
             delta[FEATURES + a][i] = EVERY(color, a, row, column, width);
 #if FEATURES > 0
@@ -194,112 +229,101 @@ kernel void box_fit_blocks(CONST_PLANES(light), CONST_PLANES(color),
 #endif
 #ifdef NOISE
         for (int a = 0; a < FEATURES; a++)
-            s.second[PRODUCT(a, a)] += weight[i] * noise_ridge * EVERY(noise, a, row, column, width);
+            own.product[PRODUCT(a, a)] += weight[i] * noise_ridge * EVERY(noise, a, row, column, width);
 #endif
     }
+    /* About the first pixel, then about the mean. */
+    const vec scale = 1.f / own.weight;
     for (int a = 0; a < VARIABLES; a++) {
-        reference[a] = delta[a][0];
+        vec sum = (vec)(0.f), reference = delta[a][0];
+        for (int i = 0; i < PIXELS; i++) {
+            delta[a][i] -= reference;
+            sum += weight[i] * delta[a][i];
+        }
+        const vec mean = sum * scale;
+        own.mean[a] = reference + mean;
         for (int i = 0; i < PIXELS; i++)
-            delta[a][i] -= reference[a];
+            delta[a][i] -= mean;
     }
-    add_pixels(&s, weight, delta);
-    settle(&s);
-    STORE(s.weight, out + INDEX(out, 0, y, x));
+    for (int a = 0; a < VARIABLES; a++) {
+        vec weighted[PIXELS];
+        for (int i = 0; i < PIXELS; i++)
+            weighted[i] = weight[i] * delta[a][i];
+        for (int b = 0; b < FEATURES && b <= a; b++)
+            for (int i = 0; i < PIXELS; i++)
+                own.product[PRODUCT(a, b)] += weighted[i] * delta[b][i];
+    }
+    STORE(own.weight, out + INDEX(out, 0, y, x));
     for (int a = 0; a < VARIABLES; a++)
-        STORE(reference[a] + s.first[a], out + INDEX(out, MEAN(a), y, x));
+        STORE(own.mean[a], out + INDEX(out, MEAN(a), y, x));
     for (int i = 0; i < PRODUCTS; i++)
-        STORE(s.second[i], out + INDEX(out, COVARIANCE(i), y, x));
+        STORE(own.product[i], out + INDEX(out, COVARIANCE(i), y, x));
 }
 
-/* The groups of 2 RADIUS + 1 blocks of a column, then of a row, mirrored, as one. */
+/* The groups of the 2 RADIUS + 1 blocks around each block of a column as one; transposed, so that the next step, along
+ * rows, goes along columns too. A work-item makes 2 RADIUS + 1 windows of WIDTH columns. */
 kernel void box_fit_columns(CONST_PLANES(group), int height, int width, PLANES(out))
 {
-    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
-    if (x >= width || y >= height)
+    const int x = get_global_id(0) * WIDTH, first = (int)get_global_id(1) * SIDE - RADIUS;
+    if (x >= width || first + RADIUS >= height)
         return;
-    vec weight[SIDE], delta[VARIABLES][SIDE], center[VARIABLES];
-    int row[SIDE];
-    for (int i = 0; i < SIDE; i++) {
-        row[i] = reflect(y + i - RADIUS, height);
-        weight[i] = VECTOR_AT(group, 0, row[i], x);
+    Group ends[SIDE], beginning, window;
+    join_ends(group, group_origin, group_row, group_plane, first, x, height, ends);
+    for (int i = 0; i < SIDE && first + RADIUS + i < height; i++) {
+        const int y = first + RADIUS + i;
+        NEXT_WINDOW(i);
+        STORE_TRANSPOSED(window.weight, out, 0, y, x, width);
+        for (int v = 0; v < VARIABLES; v++)
+            STORE_TRANSPOSED(window.mean[v], out, MEAN(v), y, x, width);
+        for (int q = 0; q < PRODUCTS; q++)
+            STORE_TRANSPOSED(window.product[q], out, COVARIANCE(q), y, x, width);
     }
-    for (int a = 0; a < VARIABLES; a++) {
-        center[a] = VECTOR_AT(group, MEAN(a), y, x);
-        for (int i = 0; i < SIDE; i++)
-            delta[a][i] = VECTOR_AT(group, MEAN(a), row[i], x) - center[a];
-    }
-    Sums s;
-    for (int q = 0; q < PRODUCTS; q++) {
-        vec sum = (vec)(0.f);
-        for (int i = 0; i < SIDE; i++)
-            sum += VECTOR_AT(group, COVARIANCE(q), row[i], x);
-        s.second[q] = sum;
-    }
-    add_groups(&s, weight, delta);
-    settle(&s);
-    STORE(s.weight, out + INDEX(out, 0, y, x));
-    for (int a = 0; a < VARIABLES; a++)
-        STORE(center[a] + s.first[a], out + INDEX(out, MEAN(a), y, x));
-    for (int i = 0; i < PRODUCTS; i++)
-        STORE(s.second[i], out + INDEX(out, COVARIANCE(i), y, x));
 }
 
-/* group: columns of blocks. out: the TERMS coefficients of each colour; the constant is not regularised. */
+/* group: windows of columns, transposed. out, upright again: the TERMS coefficients of each colour; the constant is not
+ * regularised. */
 kernel void box_fit_solve(CONST_PLANES(group), int height, int width, float ridge, float least, PLANES(out))
 {
-    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
-    if (x >= width || y >= height)
+    const int x = get_global_id(0) * WIDTH, first = (int)get_global_id(1) * SIDE - RADIUS;
+    if (x >= width || first + RADIUS >= height)
         return;
-    vec weight[SIDE], delta[VARIABLES][SIDE], mean[VARIABLES];
-    for (int i = 0; i < SIDE; i++)
-        weight[i] = MIRRORED(group, 0, y, x + i - RADIUS, width);
-    for (int a = 0; a < VARIABLES; a++) {
-        mean[a] = VECTOR_AT(group, MEAN(a), y, x);
-        for (int i = 0; i < SIDE; i++)
-            delta[a][i] = MIRRORED(group, MEAN(a), y, x + i - RADIUS, width) - mean[a];
-    }
-    Sums s;
-    for (int q = 0; q < PRODUCTS; q++) {
-        vec sum = (vec)(0.f);
-        for (int i = 0; i < SIDE; i++)
-            sum += MIRRORED(group, COVARIANCE(q), y, x + i - RADIUS, width);
-        s.second[q] = sum;
-    }
-    add_groups(&s, weight, delta);
-    settle(&s);
-    const vec scale = 1.f / s.weight;
-    for (int a = 0; a < VARIABLES; a++)
-        mean[a] += s.first[a];
-    for (int i = 0; i < PRODUCTS; i++)
-        s.second[i] *= scale;
-    /* L L^T, in place; the diagonal holds 1 / L_aa */
-    for (int a = 0; a < FEATURES; a++) {
-        vec *row = s.second + LOWER(a, 0);
-        row[a] = fmax(row[a], (vec)(0.f)) * (1.f + ridge) + least;
-        for (int b = 0; b <= a; b++) {
-            vec sum = row[b];
-            for (int q = 0; q < b; q++)
-                sum -= row[q] * s.second[LOWER(b, q)];
-            row[b] = a == b ? 1.f / sqrt(fmax(sum, (vec)(0.5f * least))) : sum * s.second[LOWER(b, b)];
-        }
-    }
-    for (int k = 0; k < 3; k++) {
-        vec z[SLOPES], constant_ = mean[FEATURES + k];
+    Group ends[SIDE], beginning, window;
+    join_ends(group, group_origin, group_row, group_plane, first, x, height, ends);
+    for (int i = 0; i < SIDE && first + RADIUS + i < height; i++) {
+        const int y = first + RADIUS + i;
+        NEXT_WINDOW(i);
+        const vec scale = 1.f / window.weight;
+        for (int q = 0; q < PRODUCTS; q++)
+            window.product[q] *= scale;
+        /* L L^T, in place; the diagonal holds 1 / L_aa */
         for (int a = 0; a < FEATURES; a++) {
-            vec sum = s.second[PRODUCT(FEATURES + k, a)];
-            for (int q = 0; q < a; q++)
-                sum -= s.second[LOWER(a, q)] * z[q];
-            z[a] = sum * s.second[LOWER(a, a)];
+            vec *row = window.product + LOWER(a, 0);
+            row[a] = fmax(row[a], (vec)(0.f)) * (1.f + ridge) + least;
+            for (int b = 0; b <= a; b++) {
+                vec sum = row[b];
+                for (int q = 0; q < b; q++)
+                    sum -= row[q] * window.product[LOWER(b, q)];
+                row[b] = a == b ? 1.f / sqrt(fmax(sum, (vec)(0.5f * least))) : sum * window.product[LOWER(b, b)];
+            }
         }
-        for (int a = FEATURES - 1; a >= 0; a--) {
-            vec sum = z[a];
-            for (int q = a + 1; q < FEATURES; q++)
-                sum -= s.second[LOWER(q, a)] * z[q];
-            z[a] = sum * s.second[LOWER(a, a)];
-            constant_ -= z[a] * mean[a];
-            STORE(z[a], out + INDEX(out, k * TERMS + 1 + a, y, x));
+        for (int k = 0; k < 3; k++) {
+            vec z[SLOPES], constant_ = window.mean[FEATURES + k];
+            for (int a = 0; a < FEATURES; a++) {
+                vec sum = window.product[PRODUCT(FEATURES + k, a)];
+                for (int q = 0; q < a; q++)
+                    sum -= window.product[LOWER(a, q)] * z[q];
+                z[a] = sum * window.product[LOWER(a, a)];
+            }
+            for (int a = FEATURES - 1; a >= 0; a--) {
+                vec sum = z[a];
+                for (int q = a + 1; q < FEATURES; q++)
+                    sum -= window.product[LOWER(q, a)] * z[q];
+                z[a] = sum * window.product[LOWER(a, a)];
+                constant_ -= z[a] * window.mean[a];
+                STORE_TRANSPOSED(z[a], out, k * TERMS + 1 + a, y, x, width);
+            }
+            STORE_TRANSPOSED(constant_, out, k * TERMS, y, x, width);
         }
-        STORE(constant_, out + INDEX(out, k * TERMS, y, x));
     }
 }
 

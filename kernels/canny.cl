@@ -20,17 +20,18 @@ kernel void albedo_luminance(CONST_PLANES(albedo), int height, int width, PLANES
     STORE(v <= 0.0031308f ? 12.92f * v : encoded, out + INDEX(out, 0, y, x));
 }
 
-/* One direction of a separable filter with 2 radius + 1 taps; (dx, dy) is (1, 0) or (0, 1). */
+/* One direction of a separable filter with 2 radius + 1 taps; (dx, dy) is (1, 0) or (0, 1). `in` has a mirrored border of
+ * at least the radius. */
 kernel void convolve(CONST_PLANES(in), int height, int width, PLANES(out), global const float *restrict taps,
                      int radius, int dx, int dy)
 {
-    const int x = get_global_id(0), y = get_global_id(1);
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    float sum = 0.f;
+    vec sum = (vec)(0.f);
     for (int k = -radius; k <= radius; k++)
-        sum += taps[k + radius] * AT(in, 0, reflect(y + k * dy, height), reflect(x + k * dx, width));
-    AT(out, 0, y, x) = sum;
+        sum += taps[k + radius] * VECTOR_AT(in, 0, y + k * dy, x + k * dx);
+    STORE(sum, out + INDEX(out, 0, y, x));
 }
 
 kernel void sobel(CONST_PLANES(in), int height, int width, PLANES(out))

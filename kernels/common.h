@@ -23,10 +23,14 @@
 typedef float vec;
 #define LOAD(p) (*(p))
 #define STORE(v, p) (*(p) = (v))
+#define ALL(condition) (condition)
+#define ANY(condition) (condition)
 #else
 typedef JOIN(float, WIDTH) vec;
 #define LOAD(p) JOIN(vload, WIDTH)(0, p)
 #define STORE(v, p) JOIN(vstore, WIDTH)(v, 0, p)
+#define ALL(condition) all(condition)
+#define ANY(condition) any(condition)
 #endif
 
 /* Mirror without repeating the edge pixel (OpenCV's REFLECT_101), for any distance from the image. */

@@ -20,40 +20,69 @@
 
 #define FILL_RADIUS 8
 
-kernel void door(global const SOURCE *restrict source, int offset, int row, int column, int channel,
-                 int channels, int height, int width, PLANES(out), volatile global int *restrict bad,
-                 int slot)
+/* Channels that follow each other, and pixels too, need no strides. */
+#ifdef PACKED
+#define AT_SOURCE(c, y, x) READ(offset + (y) * row + (x) * CHANNELS + (c))
+#else
+#define AT_SOURCE(c, y, x) READ(offset + (y) * row + (x) * column + (c) * channel)
+#endif
+
+#define SOURCE_ARGUMENTS global const SOURCE *restrict source, int offset, int row, int column, int channel
+
+/* The pixel, or what takes its place. */
+inline bool pixel_at(SOURCE_ARGUMENTS, int y, int x, float value[CHANNELS])
 {
-    const int x = get_global_id(0), y = get_global_id(1);
+    bool finite = true;
+    for (int c = 0; c < CHANNELS; c++) {
+        value[c] = AT_SOURCE(c, y, x);
+        finite = finite && isfinite(value[c]);
+    }
+    return finite;
+}
+
+inline void replacement(SOURCE_ARGUMENTS, int height, int width, int y, int x, float value[CHANNELS])
+{
+    for (int c = 0; c < CHANNELS; c++)
+        value[c] = 0.f;
+    int found = 0;
+    for (int r = 1; r <= FILL_RADIUS && found == 0; r++)
+        for (int v = max(y - r, 0); v <= min(y + r, height - 1); v++)
+            for (int u = max(x - r, 0); u <= min(x + r, width - 1); u++) {
+                float other[CHANNELS];
+                if (pixel_at(source, offset, row, column, channel, v, u, other)) {
+                    found++;
+                    for (int c = 0; c < CHANNELS; c++)
+                        value[c] += (other[c] - value[c]) / found;
+                }
+            }
+}
+
+kernel void door(SOURCE_ARGUMENTS, int height, int width, PLANES(out), volatile global int *restrict bad, int slot)
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    float value[3] = {0.f, 0.f, 0.f};
-    bool good = true;
-    for (int c = 0; c < channels; c++) {
-        value[c] = READ(offset + y * row + x * column + c * channel);
-        good = good && isfinite(value[c]);
+    if (x + WIDTH <= width) {
+        float value[CHANNELS][WIDTH];
+        vec zero = (vec)(0.f);
+        for (int i = 0; i < WIDTH; i++)
+            for (int c = 0; c < CHANNELS; c++)
+                value[c][i] = AT_SOURCE(c, y, x + i);
+        for (int c = 0; c < CHANNELS; c++)
+            zero += LOAD(value[c]) * 0.f; /* NaN where a value is not finite */
+        if (ALL(zero == (vec)(0.f))) {
+            for (int c = 0; c < CHANNELS; c++)
+                STORE(LOAD(value[c]), out + INDEX(out, c, y, x));
+            return;
+        }
     }
-    if (!good) {
-        atomic_inc(bad + slot);
-        for (int c = 0; c < 3; c++)
-            value[c] = 0.f;
-        int found = 0;
-        for (int r = 1; r <= FILL_RADIUS && found == 0; r++)
-            for (int v = max(y - r, 0); v <= min(y + r, height - 1); v++)
-                for (int u = max(x - r, 0); u <= min(x + r, width - 1); u++) {
-                    float other[3];
-                    bool finite = true;
-                    for (int c = 0; c < channels; c++) {
-                        other[c] = READ(offset + v * row + u * column + c * channel);
-                        finite = finite && isfinite(other[c]);
-                    }
-                    if (finite) {
-                        found++;
-                        for (int c = 0; c < channels; c++)
-                            value[c] += (other[c] - value[c]) / found;
-                    }
-                }
+    for (int i = 0; i < WIDTH && x + i < width; i++) {
+        float value[CHANNELS];
+        if (!pixel_at(source, offset, row, column, channel, y, x + i, value)) {
+            atomic_inc(bad + slot);
+            replacement(source, offset, row, column, channel, height, width, y, x + i, value);
+        }
+        for (int c = 0; c < CHANNELS; c++)
+            AT(out, c, y, x + i) = value[c];
     }
-    for (int c = 0; c < channels; c++)
-        AT(out, c, y, x) = value[c];
 }

@@ -1,6 +1,6 @@
 /* Where a filtered frame lies further from its input than noise can explain, the filter is wrong and not the input.
  *
- * Distances are counted in standard deviations of the noisiest pixel around, channel by channel: the noise of few samples is
+ * Distances are counted in variances of the noisiest pixel around, channel by channel: the noise of few samples is
  * itself known badly, and a pixel that no light has reached yet seems to have none. Noise counts relative to the
  * brightness, as a light is no reason to change the dark wall beside it.
  */
@@ -47,7 +47,7 @@ kernel void most_around(CONST_PLANES(in), int height, int width, PLANES(out))
     AT(out, c, y, x) = most;
 }
 
-/* How far `filtered` lies from `input`, in standard deviations: the largest of the channels. noise: from most_around. */
+/* How far `filtered` lies from `input`, squared, in variances: the largest of the channels. noise: from most_around. */
 kernel void distances(CONST_PLANES(filtered), CONST_PLANES(input), CONST_PLANES(noise), int height, int width,
                       PLANES(out))
 {
@@ -68,22 +68,29 @@ kernel void distances(CONST_PLANES(filtered), CONST_PLANES(input), CONST_PLANES(
         const vec scale = fmax(relative_to(before[c], light), relative_to(after[c], new_light));
         largest = fmax(largest, change * change / (LOAD(line) * scale + 1e-30f));
     }
-    STORE(sqrt(largest), out + INDEX(out, 0, y, x));
+    STORE(largest, out + INDEX(out, 0, y, x));
 }
 
-/* In place: `filtered` goes back to `input` where the largest distance within two pixels exceeds `likely`, altogether
- * from 1.5 times that on; `share` is the input's part in it. moved: from distances, with a border of 2. */
+/* In place: `filtered` goes back to `input` where the squared distances of the pixels within two exceed `likely` on
+ * average, or one of them MOST times that; altogether from 1.5 times either on. `share` is the input's part in it. moved:
+ * from distances, with a border of 2. */
+#define MOST 5.f
+
 kernel void keep_plausible(PLANES(filtered), CONST_PLANES(input), CONST_PLANES(moved), int height, int width,
                            float likely, PLANES(share))
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    vec most = (vec)(0.f);
+    vec sum = (vec)(0.f), most = (vec)(0.f);
     for (int j = -2; j <= 2; j++)
-        for (int i = -2; i <= 2; i++)
-            most = fmax(most, VECTOR_AT(moved, 0, y + j, x + i));
-    const vec kept = clamp(3.f - 2.f * most / likely, 0.f, 1.f);
+        for (int i = -2; i <= 2; i++) {
+            const vec here = VECTOR_AT(moved, 0, y + j, x + i);
+            sum += here;
+            most = fmax(most, here);
+        }
+    const vec worst = fmax(sum / 25.f, most / MOST) / likely;
+    const vec kept = clamp(3.f - 2.f * worst, 0.f, 1.f);
     for (int c = 0; c < 4; c++) {
         const vec before = VECTOR_AT(input, c, y, x);
         STORE(before + kept * (VECTOR_AT(filtered, c, y, x) - before), filtered + INDEX(filtered, c, y, x));

@@ -1,5 +1,6 @@
 /* Features before regression: NLM with their own variances (Rousselle et al. 2013), and the variance that is left. */
 #include "patch.h"
+#include "window.h"
 
 /* feature and variance: CHANNELS planes, total: the sum of the variances; mirrored borders of at least search radius +
  * patch radius */
@@ -19,6 +20,8 @@ kernel void prefilter(CONST_PLANES(feature), CONST_PLANES(variance), CONST_PLANE
         }
     for (int dy = -search_radius; dy <= search_radius; dy++)
         for (int dx = -search_radius; dx <= search_radius; dx++) {
+            if (!IN_WINDOW(dx, dy, search_radius))
+                continue;
             const int move = dy * feature_row + dx, s_move = dy * variance_row + dx;
             vec distance[ROWS][VECTORS];
             patch_variance_distance(f, f + move, feature_row, feature_plane, t, t + dy * total_variance_row + dx,

@@ -6,106 +6,145 @@
  *
  * A work-item fits a whole tile. First the weights, offset by offset, as patches are shared between neighbours. Then
  * the moments, GROUP of them at a time: a product of two terms is the same for every pixel whose window holds it, so a
- * wide tile makes it once, and a moment is a plain weighted sum that stays in a register. Terms are taken about the
- * mean of the block (terms.cl), and the moments moved to the pixel at the end; what rounding then leaves is small
- * against the ridge, which grows with the distance between the two.
+ * wide tile makes it once, and a moment is a plain weighted sum that stays in a register. Two rows, as far apart as the
+ * rows of the window, are summed together: a product that is loaded serves both. Terms are taken about the mean of the
+ * block (terms.cl), and the moments moved to the pixel at the end; what rounding then leaves is small against the
+ * ridge, which grows with the distance between the two.
  */
-#include "fit.h"
+#define FITS 2
+#include "first_order.h"
 #include "patch.h"
 
-#define SIDE (2 * SEARCH_RADIUS + 1)
-#define INNER (SEARCH_RADIUS / 2)
-#define REACH (SEARCH_RADIUS * STRIDE)
-#define TERMS (1 + FEATURES + 2) /* at most */
-#define GROUP 8
-#define MOMENTS ((LOWER(TERMS, 0) + TERMS * COLORS + GROUP - 1) / GROUP * GROUP)
+#define GROUP 6 /* 12 sums, 2 weights and a product: 15 of 16 registers */
+#define MOMENTS ((COLOR_MOMENT(TERMS, COLORS, 0) + GROUP - 1) / GROUP * GROUP)
 #define LINES (ROWS + 2 * REACH)
 #define LINE (((COLUMNS + 2 * REACH + WIDTH - 1) / WIDTH) * WIDTH)
 
-/* Rounding is about 1e-6 of a squared distance; what varies less than this part of it cannot be told apart. */
-#define ROUNDING 5e-5f
-#define LEAST_RIDGE 1e-9f
+/* Rows r and r + STRIDE are a pair; the last ones may lack a partner. */
+#define ROWS_LEFT (ROWS % (2 * STRIDE))
+#define PAIRS (ROWS / (2 * STRIDE) * STRIDE + (ROWS_LEFT < STRIDE ? ROWS_LEFT : STRIDE))
+#define FIRST_ROW(pair) ((pair) / STRIDE * 2 * STRIDE + (pair) % STRIDE)
 
-/* What is summed: terms, then colours, each about its mean. */
+/* Where a pair's windows together have pixels: a row more than one has; those at the edge of the inner window, which
+ * one of the two counts to it and the other does not, twice. */
+#define TAPS ((SIDE + 1) * SIDE + 2 * (2 * INNER + 1))
+
+/* The pixels of a pair's windows: where their products are, and their weights for both. */
 typedef struct {
-    int plane; /* of the stack: 1, features, position, colours */
-    float mean, variance;
-} Term;
+    float weight[TAPS][2][WIDTH];
+    int place[TAPS];
+    int inner, count; /* taps of the inner windows come first */
+} Taps;
 
-/* One moment: the product of two of them. */
+/* The same for any pair, before taps of no weight are dropped; and which tap an offset has for the first row of a pair,
+ * [0], and for the second. */
 typedef struct {
-    global const float *a, *b;
-    float mean_a, mean_b;
-} Product;
+    short tap[2][SIDE * SIDE];
+    int place[TAPS];
+    int inner, count;
+} Order;
 
-#define PRODUCT_AT(p, i) ((LOAD((p).a + (i)) - (p).mean_a) * (LOAD((p).b + (i)) - (p).mean_b))
-
-/* sum[i] += weights times products, over a rectangle of offsets counted from the window's corner. A tile reads its
- * products from `shared`, a single pixel makes them. */
-inline void add_taps(const float weights[SIDE * SIDE][ROWS][COLUMNS],
-#if COLUMNS > 1
-                     const float shared[GROUP][LINES][LINE],
-#else
-                     const Product *products, int stack_row,
-#endif
-                     int r, int c, int top, int bottom, int left, int right, vec sum[GROUP])
+/* 0 out of the window, else 1, or 2 in the inner window; counted from the window's corner. */
+inline int part_of_window(int dx, int dy)
 {
-    for (int dy = top; dy <= bottom; dy++)
-        for (int dx = left; dx <= right; dx++) {
-            const vec weight = LOAD(&weights[dy * SIDE + dx][r][c]);
-#pragma unroll
-            for (int i = 0; i < GROUP; i++)
-#if COLUMNS > 1
-                sum[i] += weight * LOAD(&shared[i][r + dy * STRIDE][c + dx * STRIDE]);
-#else
-                sum[i] += weight * PRODUCT_AT(products[i], (r + dy * STRIDE) * stack_row + c + dx * STRIDE);
+    dx -= SEARCH_RADIUS;
+    dy -= SEARCH_RADIUS;
+#ifdef WITH_INNER
+    if (IN_DISC(dx, dy, INNER))
+        return 2;
 #endif
-        }
+    return IN_DISC(dx, dy, SEARCH_RADIUS);
 }
 
-/* The fit of one vector of pixels from its moments. at: the terms there, about their means; ridges: what each adds to
- * its second moment, per unit of weight. */
-inline void fit(const float moments[MOMENTS][ROWS][COLUMNS], int r, int c, int terms, const vec *at, const vec *ridges,
-                float ridge, vec result[COLORS])
+inline void put_in_order(Order *order)
 {
-    vec m[LOWER(TERMS, 0)], z[TERMS], least[TERMS];
-    for (int i = 0; i < LOWER(terms, 0); i++)
-        m[i] = LOAD(&moments[i][r][c]);
-    const vec total = m[0];
-    least[0] = total;
-    for (int a = 1; a < terms; a++)
-        for (int b = 1; b <= a; b++)
-            m[LOWER(a, b)] += at[a] * at[b] * total - at[a] * m[LOWER(b, 0)] - at[b] * m[LOWER(a, 0)];
-    for (int a = 1; a < terms; a++) {
-        least[a] = total * ridges[a];
-        m[LOWER(a, 0)] -= at[a] * total;
-        m[LOWER(a, a)] = fmax(m[LOWER(a, a)], (vec)(0.f)) * (1.f + ridge) + least[a];
+    int count = 0;
+    for (int part = 2; part > 0; part--) {
+        for (int k = 0; k <= SIDE; k++)
+            for (int dx = 0; dx < SIDE; dx++) {
+                const bool first = k < SIDE && part_of_window(dx, k) == part;
+                const bool second = k > 0 && part_of_window(dx, k - 1) == part;
+                if (first)
+                    order->tap[0][k * SIDE + dx] = count;
+                if (second)
+                    order->tap[1][(k - 1) * SIDE + dx] = count;
+                if (first || second)
+                    order->place[count++] = (k * LINE + dx) * STRIDE;
+            }
+        if (part == 2)
+            order->inner = count;
     }
+    order->count = count;
+}
+
+inline void drop_zeros(Taps *taps, const Order *order)
+{
+    int count = 0;
+    taps->inner = 0;
+    for (int i = 0; i < order->count; i++) {
+        const vec first = LOAD(taps->weight[i][0]), second = LOAD(taps->weight[i][1]);
+        if (ANY(first + second > (vec)(0.f))) {
+            STORE(first, taps->weight[count][0]);
+            STORE(second, taps->weight[count][1]);
+            taps->place[count++] = order->place[i];
+        }
+        if (i + 1 == order->inner)
+            taps->inner = count;
+    }
+    taps->count = count;
+}
+
+/* sums += weights times products, over some of the taps. */
+inline void add_taps(const Taps *taps, int from, int to, const float *products, vec sum[2][GROUP])
+{
+    for (int t = from; t < to; t++) {
+        const vec first = LOAD(taps->weight[t][0]), second = LOAD(taps->weight[t][1]);
+        const float *product = products + taps->place[t];
+#pragma unroll
+        for (int i = 0; i < GROUP; i++) {
+            const vec value = LOAD(product + i * LINES * LINE);
+            sum[0][i] += first * value;
+            sum[1][i] += second * value;
+        }
+    }
+}
+
+/* z^T R, with M z = e_0, for the pixels where the terms are `at`. m: moments of terms and colours about the block's mean;
+ * ridges: of components and positions, per unit of weight. */
+INLINE void fit(fits *m, int terms, const fits *at, const fits *ridges, float ridge,
+#if FEATURES > 0
+                const float direction[FEATURES][FEATURES], const fits *noise,
+#endif
+                fits result[COLORS])
+{
+    fits z[TERMS], least[TERMS];
+    least[0] = m[0];
+    for (int a = 1; a < terms; a++) {
+        EACH least[a].of[i] = m[0].of[i] * ridges[a].of[i];
+        for (int b = 1; b <= a; b++)
+            EACH m[LOWER(a, b)].of[i] += at[a].of[i] * at[b].of[i] * m[0].of[i] - at[a].of[i] * m[LOWER(b, 0)].of[i] -
+                                         at[b].of[i] * m[LOWER(a, 0)].of[i];
+    }
+    for (int a = 1; a < terms; a++)
+        EACH m[LOWER(a, 0)].of[i] -= at[a].of[i] * m[0].of[i];
+#if FEATURES > 0
+    add_ridges(m, terms, least, ridge, direction, noise);
+#else
+    add_ridges(m, terms, least, ridge);
+#endif
     cholesky(m, terms, least);
     solve_for_constant(m, terms, z);
     for (int a = 1; a < terms; a++)
-        z[0] -= at[a] * z[a];
+        EACH z[0].of[i] -= at[a].of[i] * z[a].of[i];
     for (int k = 0; k < COLORS; k++) {
-        vec sum = (vec)(0.f);
+        EACH result[k].of[i] = (vec)(0.f);
         for (int a = 0; a < terms; a++)
-            sum += z[a] * LOAD(&moments[LOWER(terms, 0) + k * terms + a][r][c]);
-        result[k] = sum;
+            EACH result[k].of[i] += z[a].of[i] * m[COLOR_MOMENT(terms, k, a)].of[i];
     }
 }
 
-/* A fit may overshoot below 0, where light cannot be; only a negative pixel may stay so. The fourth colour is a
- * difference of halves. */
-inline void store_fit(const vec result[COLORS], CONST_PLANES(stack), int y, int x, PLANES(out))
-{
-    for (int k = 0; k < COLORS; k++) {
-        const vec least = fmin(VECTOR_AT(stack, TERMS + k, y, x), (vec)(0.f));
-        STORE(k < 3 ? fmax(result[k], least) : result[k], out + INDEX(out, k, y, x));
-    }
-}
-#define STORE_FIT(y, x, out) store_fit(result, stack, stack_origin, stack_row, stack_plane, y, x, out, out##_origin, out##_row, out##_plane)
-
-/* tone: three planes, variance: one (the sum of theirs), both with a border of REACH + patch radius. stack: 1, FEATURES
- * features, x, y and COLORS colours, border REACH. noise: variances of the features. blocks: from terms.cl. */
+/* tone: three planes, variance: one (the sum of theirs), both with a border of REACH + patch radius. stack: FEATURES
+ * features and COLORS colours, border REACH. noise: variances of the features. blocks: from terms.cl. */
 kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(stack),
 #if FEATURES > 0
                     CONST_PLANES(noise), global const float *restrict blocks, int blocks_across,
@@ -117,106 +156,151 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
                     PLANES(out))
 {
     const int x = get_global_id(0) * COLUMNS, y = get_global_id(1) * ROWS;
-    float weights[SIDE * SIDE][ROWS][COLUMNS];
+    Order order;
+    put_in_order(&order);
+    Taps taps[PAIRS][VECTORS];
+    for (int pair = 0; pair < PAIRS; pair++)
+        for (int v = 0; v < VECTORS; v++)
+            for (int i = 0; i < order.count; i++)
+                for (int which = 0; which < 2; which++)
+                    STORE((vec)(0.f), taps[pair][v].weight[i][which]);
     global const float *t = tone + INDEX(tone, 0, y, x);
     global const float *s = variance + INDEX(variance, 0, y, x);
     for (int o = 0; o < SIDE * SIDE; o++) {
+        if (part_of_window(o % SIDE, o / SIDE) == 0)
+            continue;
         const int dy = (o / SIDE - SEARCH_RADIUS) * STRIDE, dx = (o % SIDE - SEARCH_RADIUS) * STRIDE;
         vec weight[ROWS][VECTORS];
         patch_weights(t, t + dy * tone_row + dx, tone_row, tone_plane, s, s + dy * variance_row + dx, variance_row,
                       -0.25f / (bandwidth * bandwidth), weight);
-        for (int r = 0; r < ROWS; r++)
-            for (int v = 0; v < VECTORS; v++)
-                STORE(weight[r][v], &weights[o][r][v * WIDTH]);
+        for (int pair = 0; pair < PAIRS; pair++)
+            for (int which = 0; which < 2; which++) {
+                const int r = FIRST_ROW(pair) + which * STRIDE;
+                for (int v = 0; v < VECTORS && r < ROWS; v++)
+                    STORE(weight[r][v], taps[pair][v].weight[order.tap[which][o]][which]);
+            }
     }
+    for (int pair = 0; pair < PAIRS; pair++)
+        for (int v = 0; v < VECTORS; v++)
+            drop_zeros(&taps[pair][v], &order);
 
-    Term terms[TERMS + COLORS];
-    int count = 0;
-    terms[count++] = (Term){0, 0.f, 0.f};
-#if FEATURES > 0
-    global const float *block = blocks + 2 * FEATURES * (y / BLOCK_ROWS * blocks_across + x / BLOCK_COLUMNS);
-    for (int q = 0; q < FEATURES; q++)
-        if (block[2 * q + 1] > 0.f)
-            terms[count++] = (Term){1 + q, block[2 * q], block[2 * q + 1]};
-#endif
-    const int features_end = count;
-    terms[count++] = (Term){1 + FEATURES, x + COLUMNS / 2, 0.f};
-    terms[count++] = (Term){2 + FEATURES, y + ROWS / 2, 0.f};
-    for (int k = 0; k < COLORS; k++)
-        terms[count + k] = (Term){TERMS + k, 0.f, 0.f};
-
-    uchar first[MOMENTS], second[MOMENTS];
-    int total = 0;
-    for (int a = 0; a < count; a++)
-        for (int b = 0; b <= a; b++)
-            first[total] = a, second[total++] = b;
-    for (int k = 0; k < COLORS; k++)
-        for (int a = 0; a < count; a++)
-            first[total] = a, second[total++] = count + k;
-    for (; total % GROUP; total++)
-        first[total] = second[total] = 0;
-
-    float moments[MOMENTS][ROWS][COLUMNS];
-#ifdef WITH_INNER
-    float inside[MOMENTS][ROWS][COLUMNS];
-#endif
+    /* What is multiplied: terms about the middle, then colours. */
+    float factors[TERMS + COLORS][LINES][LINE];
     global const float *corner = stack + INDEX(stack, 0, y - REACH, x - REACH);
-    for (int start = 0; start < total; start += GROUP) {
-        Product products[GROUP];
-        for (int i = 0; i < GROUP; i++) {
-            const Term a = terms[first[start + i]], b = terms[second[start + i]];
-            products[i] = (Product){corner + a.plane * stack_plane, corner + b.plane * stack_plane, a.mean, b.mean};
-        }
-#if COLUMNS > 1
-        float shared[GROUP][LINES][LINE];
-        for (int i = 0; i < GROUP; i++)
-            for (int line = 0; line < LINES; line++)
-                for (int c = 0; c < LINE; c += WIDTH)
-                    STORE(PRODUCT_AT(products[i], line * stack_row + c), &shared[i][line][c]);
-#define ADD_TAPS(top, bottom, left, right) add_taps(weights, shared, r, c, top, bottom, left, right, sum)
-#else
-#define ADD_TAPS(top, bottom, left, right) add_taps(weights, products, stack_row, r, c, top, bottom, left, right, sum)
+    int terms = COMPONENT;
+#if FEATURES > 0
+    global const float *block = blocks + BLOCK_FLOATS * (y / BLOCK_ROWS * blocks_across + x / BLOCK_COLUMNS);
+    float direction[FEATURES][FEATURES];
+    terms += (int)BLOCK_COUNT(block);
+    for (int k = 0; k < terms - COMPONENT; k++)
+        for (int q = 0; q < FEATURES; q++)
+            direction[k][q] = BLOCK_DIRECTION(block, k, q);
 #endif
-        for (int r = 0; r < ROWS; r++)
-            for (int c = 0; c < COLUMNS; c += WIDTH) {
-                vec sum[GROUP];
+    for (int line = 0; line < LINES; line++)
+        for (int c = 0; c < LINE; c += WIDTH) {
+            global const float *here = corner + line * stack_row + c;
+            STORE((vec)(1.f), &factors[0][line][c]);
+            for (int i = 0; i < WIDTH; i++)
+                factors[1][line][c + i] = c + i - REACH - COLUMNS / 2;
+            STORE((vec)(line - REACH - ROWS / 2), &factors[2][line][c]);
+#if FEATURES > 0
+            vec feature[FEATURES];
+            for (int q = 0; q < FEATURES; q++)
+                feature[q] = LOAD(here + q * stack_plane) - BLOCK_MEAN(block, q);
+            for (int k = 0; k < terms - COMPONENT; k++) {
+                vec sum = direction[k][0] * feature[0];
+                for (int q = 1; q < FEATURES; q++)
+                    sum += direction[k][q] * feature[q];
+                STORE(sum, &factors[COMPONENT + k][line][c]);
+            }
+#endif
+            for (int k = 0; k < COLORS; k++)
+                STORE(LOAD(here + (FEATURES + k) * stack_plane), &factors[terms + k][line][c]);
+        }
+
+    /* By place, not by a counter, whose loops one runtime's compiler gets wrong. */
+    uchar first[MOMENTS], second[MOMENTS];
+    const int total = COLOR_MOMENT(terms, COLORS, 0);
+    for (int a = 0; a < terms; a++)
+        for (int b = 0; b <= a; b++)
+            first[LOWER(a, b)] = a, second[LOWER(a, b)] = b;
+    for (int k = 0; k < COLORS; k++)
+        for (int a = 0; a < terms; a++)
+            first[COLOR_MOMENT(terms, k, a)] = a, second[COLOR_MOMENT(terms, k, a)] = terms + k;
+    for (int i = total; i < MOMENTS; i++)
+        first[i] = second[i] = 0;
+
+    float moments[PAIRS][VECTORS][MOMENTS][2][WIDTH];
+#ifdef WITH_INNER
+    float inside[PAIRS][VECTORS][MOMENTS][2][WIDTH];
+#endif
+    for (int start = 0; start < total; start += GROUP) {
+        float products[GROUP][LINES][LINE];
+        for (int i = 0; i < GROUP; i++) {
+            const float *a = &factors[first[start + i]][0][0], *b = &factors[second[start + i]][0][0];
+            for (int at = 0; at < LINES * LINE; at += WIDTH)
+                STORE(LOAD(a + at) * LOAD(b + at), &products[i][0][0] + at);
+        }
+        for (int pair = 0; pair < PAIRS; pair++)
+            for (int v = 0; v < VECTORS; v++) {
+                const float *here = &products[0][FIRST_ROW(pair)][v * WIDTH];
+                vec sum[2][GROUP];
 #pragma unroll
                 for (int i = 0; i < GROUP; i++)
-                    sum[i] = (vec)(0.f);
+                    sum[0][i] = sum[1][i] = (vec)(0.f);
+                add_taps(&taps[pair][v], 0, taps[pair][v].inner, here, sum);
 #ifdef WITH_INNER
-                const int low = SEARCH_RADIUS - INNER, high = SEARCH_RADIUS + INNER, last = SIDE - 1;
-                ADD_TAPS(low, high, low, high);
-                for (int i = 0; i < GROUP; i++)
-                    STORE(sum[i], &inside[start + i][r][c]);
-                ADD_TAPS(0, low - 1, 0, last);
-                ADD_TAPS(low, high, 0, low - 1);
-                ADD_TAPS(low, high, high + 1, last);
-                ADD_TAPS(high + 1, last, 0, last);
-#else
-                ADD_TAPS(0, SIDE - 1, 0, SIDE - 1);
+                for (int i = 0; i < GROUP; i++) {
+                    STORE(sum[0][i], inside[pair][v][start + i][0]);
+                    STORE(sum[1][i], inside[pair][v][start + i][1]);
+                }
 #endif
-                for (int i = 0; i < GROUP; i++)
-                    STORE(sum[i], &moments[start + i][r][c]);
+                add_taps(&taps[pair][v], taps[pair][v].inner, taps[pair][v].count, here, sum);
+                for (int i = 0; i < GROUP; i++) {
+                    STORE(sum[0][i], moments[pair][v][start + i][0]);
+                    STORE(sum[1][i], moments[pair][v][start + i][1]);
+                }
             }
     }
 
-    for (int r = 0; r < ROWS && y + r < height; r++)
-        for (int c = 0; c < COLUMNS; c += WIDTH) {
-            vec at[TERMS], ridges[TERMS], result[COLORS];
-            for (int a = 1; a < count; a++) {
-                at[a] = VECTOR_AT(stack, terms[a].plane, y + r, x + c) - terms[a].mean;
-                ridges[a] = (vec)((position_ridge + LEAST_RIDGE) * max(REACH, 1) * max(REACH, 1));
+    for (int pair = 0; pair < PAIRS; pair++)
+        for (int v = 0; v < VECTORS; v++) {
+            fits at[TERMS], ridges[TERMS], m[MOMENTS], result[COLORS];
+            int row[2];
+            EACH row[i] = min(FIRST_ROW(pair) + i * STRIDE, ROWS - 1);
+            for (int a = 1; a < terms; a++)
+                EACH {
+                    at[a].of[i] = LOAD(&factors[a][row[i] + REACH][v * WIDTH + REACH]);
+                    ridges[a].of[i] = (vec)(ridge_of_position(position_ridge));
 #if FEATURES > 0
-                if (a < features_end)
-                    ridges[a] = noise_ridge * VECTOR_AT(noise, terms[a].plane - 1, y + r, x + c) +
-                                ROUNDING * (terms[a].variance + at[a] * at[a]) + LEAST_RIDGE;
+                    if (a >= COMPONENT)
+                        ridges[a].of[i] = ridge_of_component(BLOCK_VARIANCE(block, a - COMPONENT), at[a].of[i]);
 #endif
-            }
-            fit(moments, r, c, count, at, ridges, ridge, result);
-            STORE_FIT(y + r, x + c, out);
+                }
+#if FEATURES > 0
+            fits noises[FEATURES];
+            for (int q = 0; q < FEATURES; q++)
+                EACH noises[q].of[i] = noise_ridge * VECTOR_AT(noise, q, y + row[i], x + v * WIDTH);
+#define FIT fit(m, terms, at, ridges, ridge, direction, noises, result)
+#else
+#define FIT fit(m, terms, at, ridges, ridge, result)
+#endif
+#define FIT_AND_STORE(from, out)                                                                                       \
+    for (int j = 0; j < total; j++)                                                                                    \
+        EACH m[j].of[i] = LOAD(from[pair][v][j][i]);                                                                   \
+    FIT;                                                                                                               \
+    for (int i = 0; i < FITS; i++) {                                                                                   \
+        const int r = FIRST_ROW(pair) + i * STRIDE;                                                                    \
+        if (r < ROWS && y + r < height) {                                                                              \
+            vec one[COLORS];                                                                                           \
+            for (int k = 0; k < COLORS; k++)                                                                           \
+                one[k] = result[k].of[i];                                                                              \
+            STORE_FIT(one, y + r, x + v * WIDTH, out);                                                                 \
+        }                                                                                                              \
+    }
+            FIT_AND_STORE(moments, out)
 #ifdef WITH_INNER
-            fit(inside, r, c, count, at, ridges, ridge, result);
-            STORE_FIT(y + r, x + c, inner);
+            FIT_AND_STORE(inside, inner)
 #endif
         }
 }

@@ -1,21 +1,17 @@
 /* SSIM between patches of the prefiltered normals (Yang 2022, eq. 7; Wang et al. 2004). */
 #include "patch.h"
 
-/* Of the patch around each pixel and channel: mean, variance about the mean, and the mean of its middle row.
- * `in` has a mirrored border of at least the patch radius. */
+/* Of the patch around each pixel and channel: mean, and variance about the mean. `in` has a mirrored border of at least
+ * the patch radius. */
 kernel void patch_statistics(CONST_PLANES(in), int height, int width, PLANES(out))
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    vec sum = (vec)(0.f), middle = (vec)(0.f);
+    vec sum = (vec)(0.f);
     for (int v = -PATCH_RADIUS; v <= PATCH_RADIUS; v++)
-        for (int u = -PATCH_RADIUS; u <= PATCH_RADIUS; u++) {
-            const vec value = VECTOR_AT(in, c, y + v, x + u);
-            sum += value;
-            if (v == 0)
-                middle += value;
-        }
+        for (int u = -PATCH_RADIUS; u <= PATCH_RADIUS; u++)
+            sum += VECTOR_AT(in, c, y + v, x + u);
     const vec mean = sum / (PATCH * PATCH);
     vec squares = (vec)(0.f);
     for (int v = -PATCH_RADIUS; v <= PATCH_RADIUS; v++)
@@ -25,7 +21,6 @@ kernel void patch_statistics(CONST_PLANES(in), int height, int width, PLANES(out
         }
     STORE(mean, out + INDEX(out, STAT(c, MEAN), y, x));
     STORE(squares / (PATCH * PATCH), out + INDEX(out, STAT(c, VARIANCE), y, x));
-    STORE(middle / PATCH, out + INDEX(out, STAT(c, ROW_MEAN), y, x));
 }
 
 /* The map for one offset: SSIM(patch around i, patch around i + offset). `unit` and `stats` have mirrored borders

@@ -1,66 +1,102 @@
-/* The terms of a regression as one stack of planes, and which of its features carry something, block by block.
+/* The terms of a regression: what the features tell in and around each block of pixels.
  *
- * The stack holds 1, the features, x, y and the colours. A feature that is constant in and around a block, or whose
- * spread there is the noise that it still has, is left out of the fits of that block, and costs them nothing.
+ * They say much of the same: the channels of an albedo rise and fall together, and a wall has one normal. So a block
+ * looks along the principal components of its features and leaves out those that carry nothing, which then cost its
+ * fits nothing (Moon et al. 2014 do so for each pixel).
  */
 #include "common.h"
 
-/* The planes 1, x and y: positions in pixels, also in the border. `first`: its first row and column. */
-kernel void constant_and_position(PLANES(stack), int features, int border)
+#define SIZE FEATURES
+#include "eigen.h"
+#include "terms.h"
+
+#define PAIR(a, b) ((a) * ((a) + 1) / 2 + (b)) /* b <= a */
+#define PAIRS PAIR(FEATURES, 0)
+
+inline float sum_of(vec v)
 {
-    const int x = (int)get_global_id(0) - border, y = (int)get_global_id(1) - border;
-    AT(stack, 0, y, x) = 1.f;
-    AT(stack, 1 + features, y, x) = x;
-    AT(stack, 2 + features, y, x) = y;
+    float lane[WIDTH], sum = 0.f;
+    STORE(v, lane);
+    for (int i = 0; i < WIDTH; i++)
+        sum += lane[i];
+    return sum;
 }
 
-#ifdef BLOCK_COLUMNS
-/* For each block and feature: its mean over the block and `reach` pixels around, and its variance there, or -1 where
- * the feature is left out. used[q] counts the blocks that use feature q. */
-kernel void choose_terms(CONST_PLANES(feature), CONST_PLANES(noise), int features, int height, int width, int reach,
-                         float least_variance, float least_signal, global float *restrict blocks,
+/* The means of the features over a rectangle and, about them, their covariances. */
+inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int columns, float mean[FEATURES],
+                        float m[FEATURES][FEATURES])
+{
+    /* About the first value, so that a constant feature has no variance at all. */
+    float origin[FEATURES], inside[WIDTH];
+    vec sum[FEATURES], products[PAIRS];
+    for (int a = 0; a < FEATURES; a++) {
+        origin[a] = AT(feature, a, top, left);
+        sum[a] = (vec)(0.f);
+    }
+    for (int i = 0; i < PAIRS; i++)
+        products[i] = (vec)(0.f);
+    for (int x = 0; x < columns; x += WIDTH) {
+        for (int i = 0; i < WIDTH; i++)
+            inside[i] = x + i < columns ? 1.f : 0.f;
+        for (int y = 0; y < rows; y++) {
+            vec d[FEATURES];
+            for (int a = 0; a < FEATURES; a++) {
+                d[a] = (VECTOR_AT(feature, a, top + y, left + x) - origin[a]) * LOAD(inside);
+                sum[a] += d[a];
+                for (int b = 0; b <= a; b++)
+                    products[PAIR(a, b)] += d[a] * d[b];
+            }
+        }
+    }
+    const float one = 1.f / (rows * columns);
+    for (int a = 0; a < FEATURES; a++) {
+        mean[a] = sum_of(sum[a]) * one;
+        for (int b = 0; b <= a; b++)
+            m[a][b] = m[b][a] = sum_of(products[PAIR(a, b)]) * one - mean[a] * mean[b];
+    }
+    for (int a = 0; a < FEATURES; a++)
+        mean[a] += origin[a];
+}
+
+/* For each block what terms.h says, of the block and `reach` pixels around. A feature is left out whose variance is not
+ * above least_variance, or not above least_signal times that of its noise; then likewise a component, with
+ * least_direction. used[a] counts the blocks that use feature a. */
+kernel void choose_terms(CONST_PLANES(feature), CONST_PLANES(noise), int height, int width, int reach,
+                         float least_variance, float least_signal, float least_direction, global float *restrict blocks,
                          global int *restrict used)
 {
-    const int q = get_global_id(0), bx = get_global_id(1), by = get_global_id(2);
+    const int bx = get_global_id(0), by = get_global_id(1);
     const int x0 = bx * BLOCK_COLUMNS, y0 = by * BLOCK_ROWS;
-    global const float *f = feature + INDEX(feature, q, y0 - reach, x0 - reach);
-    const int columns = BLOCK_COLUMNS + 2 * reach, rows = BLOCK_ROWS + 2 * reach;
-    /* About the first value, so that a constant feature has no variance at all. */
-    const float origin = f[0];
-    float lane_sum[WIDTH], lane_squares[WIDTH], sum = 0.f, squares = 0.f;
-    vec vector_sum = (vec)(0.f), vector_squares = (vec)(0.f);
-    for (int y = 0; y < rows; y++) {
-        int x = 0;
-        for (; x + WIDTH <= columns; x += WIDTH) {
-            const vec d = LOAD(f + y * feature_row + x) - origin;
-            vector_sum += d;
-            vector_squares += d * d;
-        }
-        for (; x < columns; x++) {
-            const float d = f[y * feature_row + x] - origin;
-            sum += d;
-            squares += d * d;
-        }
-    }
-    STORE(vector_sum, lane_sum);
-    STORE(vector_squares, lane_squares);
-    for (int i = 0; i < WIDTH; i++) {
-        sum += lane_sum[i];
-        squares += lane_squares[i];
-    }
-    const float mean = sum / (rows * columns);
-    const float variance = fmax(squares / (rows * columns) - mean * mean, 0.f);
-    float left = 0.f;
+    float mean[FEATURES], left[FEATURES], m[FEATURES][FEATURES], v[FEATURES][FEATURES];
+    covariances(feature, feature_origin, feature_row, feature_plane, y0 - reach, x0 - reach, BLOCK_ROWS + 2 * reach,
+                BLOCK_COLUMNS + 2 * reach, mean, m);
     const int right = min(x0 + BLOCK_COLUMNS, width), bottom = min(y0 + BLOCK_ROWS, height);
-    for (int y = y0; y < bottom; y++)
-        for (int x = x0; x < right; x++)
-            left += AT(noise, q, y, x);
-    left /= (right - x0) * (bottom - y0);
-    const bool carries = variance > least_variance && variance > least_signal * left;
-    global float *block = blocks + 2 * ((by * get_global_size(1) + bx) * features + q);
-    block[0] = origin + mean;
-    block[1] = carries ? variance : -1.f;
-    if (carries)
-        atomic_inc(used + q);
+    for (int a = 0; a < FEATURES; a++) {
+        left[a] = 0.f;
+        for (int y = y0; y < bottom; y++)
+            for (int x = x0; x < right; x++)
+                left[a] += AT(noise, a, y, x);
+        left[a] /= (right - x0) * (bottom - y0);
+        if (m[a][a] > least_variance && m[a][a] > least_signal * left[a])
+            atomic_inc(used + a);
+        else
+            for (int b = 0; b < FEATURES; b++)
+                m[a][b] = m[b][a] = 0.f;
+    }
+    eigenvectors(m, v);
+    global float *block = blocks + BLOCK_FLOATS * (by * get_global_size(0) + bx);
+    int count = 0;
+    for (int a = 0; a < FEATURES; a++) {
+        BLOCK_MEAN(block, a) = mean[a];
+        float own = 0.f;
+        for (int b = 0; b < FEATURES; b++)
+            own += v[a][b] * v[a][b] * left[b];
+        if (m[a][a] <= least_variance || m[a][a] <= least_direction * own)
+            continue;
+        BLOCK_VARIANCE(block, count) = m[a][a];
+        for (int b = 0; b < FEATURES; b++)
+            BLOCK_DIRECTION(block, count, b) = v[a][b];
+        count++;
+    }
+    BLOCK_COUNT(block) = count;
 }
-#endif

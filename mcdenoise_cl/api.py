@@ -15,7 +15,7 @@ from .device import context_for
 from .engine import Engine, Planes
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
-from .methods import DEFAULT_METHOD, Method, get_method
+from .methods import Method, get_method, settle
 from .methods.parameters import make
 from .methods.result import Result
 from .stages.door import Strided, door, strided, upload
@@ -30,12 +30,13 @@ class Denoiser:
     Args:
         height, width: size of the frames, in pixels.
         method: a name of `methods()`.
+        preset: "fast", "balanced" or "high" instead of a method; "high" if neither is given.
         device: index, part of a name, or `pyopencl.Device`; None: see `mcdenoise_cl.choose.pick_device`.
         queue: an in-order `pyopencl.CommandQueue` to work on instead, in the caller's context.
         **parameters: the method's, by name.
 
     Raises:
-        ParameterError: an unknown method or parameter, or a value out of range.
+        ParameterError: an unknown method, preset or parameter, or a value out of range.
         DeviceError: no such device, or a kernel that does not build on it.
 
     Example:
@@ -52,7 +53,8 @@ class Denoiser:
         height: int,
         width: int,
         *,
-        method: str = DEFAULT_METHOD,
+        method: str | None = None,
+        preset: str | None = None,
         device: str | int | cl.Device | None = None,
         queue: cl.CommandQueue | None = None,
         **parameters: Any,
@@ -61,8 +63,9 @@ class Denoiser:
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
                 raise ParameterError(f"{name} is {value!r} but a whole number of at least 1 is needed")
         self.height, self.width = int(height), int(width)
-        self.method: Method = get_method(method)
-        self.parameters = make(self.method.make, method, parameters)
+        name, parameters = settle(method, preset, parameters)
+        self.method: Method = get_method(name)
+        self.parameters = make(self.method.make, name, parameters)
         if queue is not None and device is not None:
             raise ParameterError("device and queue are both given: pass one, since a queue belongs to a device")
         if queue is None:
@@ -160,8 +163,8 @@ class Denoiser:
             raise FrameError("out is read-only: pass an array that can be written")
 
     def _used(self, frame: Frame) -> dict[str, Any]:
-        wanted = ("color", *self.method.needs, *self.method.uses)
-        return {name: plane for name, plane in frame.planes().items() if name in wanted}
+        present = frame.planes()
+        return {name: present[name] for name in self.method.takes(present)}
 
     def _run_host(self, frame: Frame, out: np.ndarray | None) -> np.ndarray:
         engine = self._engine
@@ -257,7 +260,8 @@ def denoise(
     depth_variance: Any = None,
     color_a: Any = None,
     color_b: Any = None,
-    method: str = DEFAULT_METHOD,
+    method: str | None = None,
+    preset: str | None = None,
     device: str | int | cl.Device | None = None,
     out: Any = None,
     details: bool = False,
@@ -272,6 +276,7 @@ def denoise(
         albedo, normal, depth, color_variance, albedo_variance, normal_variance, depth_variance, color_a, color_b:
             further planes of the frame where `frame_or_color` is an array; see `Frame`.
         method: a name of `methods()`.
+        preset: "fast", "balanced" or "high" instead of a method; "high" if neither is given.
         device: index, part of a name, or `pyopencl.Device`, for NumPy input; None: the default device.
         out: an array of the same shape and side to write the result to.
         details: return a `Denoised`, with the maps of what was used where and of the estimated error.
@@ -283,7 +288,7 @@ def denoise(
 
     Raises:
         FrameError: the planes do not fit together, or the method needs one that is missing.
-        ParameterError: an unknown method or parameter, or a value out of range.
+        ParameterError: an unknown method, preset or parameter, or a value out of range.
         DeviceError: no OpenCL device, or it cannot run the method.
 
     Example:
@@ -316,6 +321,7 @@ def denoise(
     denoiser = Denoiser(
         *frame.shape,
         method=method,
+        preset=preset,
         device=device,
         queue=queue,
         **parameters,

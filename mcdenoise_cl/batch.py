@@ -18,7 +18,7 @@ from .details import Report
 from .errors import ExrError, FrameError
 from .exr import read_exr, write_exr
 from .frame import Frame
-from .methods import DEFAULT_METHOD, get_method
+from .methods import get_method, settle
 from .methods.parameters import make
 from .quiet import hushed
 
@@ -63,7 +63,8 @@ def denoise_file(
     source: StrPath,
     target: StrPath,
     *,
-    method: str = DEFAULT_METHOD,
+    method: str | None = None,
+    preset: str | None = None,
     device: str | int | cl.Device | None = None,
     layers: Mapping[str, str] | None = None,
     samples_per_pixel: int | None = None,
@@ -75,6 +76,7 @@ def denoise_file(
     Args:
         source, target: the file to read and the file to write, which must not be the same.
         method: a name of `methods()`.
+        preset: "fast", "balanced" or "high" instead; "high" if neither is given.
         device: index, part of a name, or `pyopencl.Device`; None: the default device.
         layers, samples_per_pixel: as for `read_exr`.
         overwrite: write over an existing target.
@@ -97,14 +99,16 @@ def denoise_file(
     if _identity(target) in {_identity(source)} - {None}:
         raise ExrError(f"{target} is the input itself, which is never written to: give another output")
     check_target(target, overwrite)
-    return _denoise(source, target, _Denoisers(method, device, parameters), layers, samples_per_pixel)
+    name, parameters = settle(method, preset, parameters)
+    return _denoise(source, target, _Denoisers(name, device, parameters), layers, samples_per_pixel)
 
 
 def denoise_files(
     sources: Iterable[StrPath],
     folder: StrPath,
     *,
-    method: str = DEFAULT_METHOD,
+    method: str | None = None,
+    preset: str | None = None,
     device: str | int | cl.Device | None = None,
     layers: Mapping[str, str] | None = None,
     samples_per_pixel: int | None = None,
@@ -119,20 +123,21 @@ def denoise_files(
         folder: made where it is missing.
         overwrite: write over existing files there; otherwise their sources are skipped.
         on_progress: called after each file.
-        method, device, layers, samples_per_pixel, **parameters: as for `denoise_file`, for every file.
+        method, preset, device, layers, samples_per_pixel, **parameters: as for `denoise_file`, for every file.
 
     Returns:
         An outcome for each source, in order.
 
     Raises:
         ExrError: a target would be one of the sources or that of two of them, or the folder cannot be made.
-        ParameterError: an unknown method, or a parameter that `method` refuses.
+        ParameterError: an unknown method or preset, or a parameter that the method refuses.
         DeviceError: there is no such device.
     """
     sources, folder = [Path(source) for source in sources], Path(folder)
     _check_targets(sources, folder)
-    make(get_method(method).make, method, parameters)
-    denoisers = _Denoisers(method, pick_device(device).device, parameters)
+    name, parameters = settle(method, preset, parameters)
+    make(get_method(name).make, name, parameters)
+    denoisers = _Denoisers(name, pick_device(device).device, parameters)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -203,7 +208,7 @@ def _denoise(
     except FrameError as error:
         raise FrameError(f"{source}: {error}") from error
     write_exr(target, clean, template=source, layers=layers)
-    used = ("color", *denoiser.method.needs, *denoiser.method.uses)
+    used = denoiser.method.takes(frame.planes())
     named = {plane: layer for plane, layer in frame.metadata["layers"].items() if plane in used}
     return Outcome(source, target, denoiser.report, named)
 

@@ -27,7 +27,7 @@ from .console import (
 from .device import list_devices
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
-from .methods import DEFAULT_METHOD, get_method
+from .methods import DEFAULT_PRESET, PRESETS, get_method, settle
 from .methods.parameters import parse
 from .quiet import hushed
 
@@ -94,7 +94,12 @@ def mcdenoise(context: click.Context) -> None:
 @click.option(
     "--method",
     type=click.Choice([method.name for method in methods()]),
-    help=f"See `mcdenoise methods`; default: {DEFAULT_METHOD}.",
+    help="See `mcdenoise methods`.",
+)
+@click.option(
+    "--preset",
+    type=click.Choice(list(PRESETS)),
+    help=f"How long it may take; instead of a method. Default: {DEFAULT_PRESET}.",
 )
 @click.option("--set", "pairs", multiple=True, metavar="NAME=VALUE", help="A parameter: see `mcdenoise methods`.")
 @click.option(
@@ -114,6 +119,7 @@ def denoise(
     inputs: tuple[str, ...],
     output: str,
     method: str | None,
+    preset: str | None,
     pairs: tuple[str, ...],
     layers: tuple[str, ...],
     samples: int | None,
@@ -127,13 +133,16 @@ def denoise(
 
     \b
     mcdenoise denoise noisy.exr -o clean.exr
+    mcdenoise denoise frames/ -o clean/ --preset balanced
     mcdenoise denoise frames/ -o clean/ --method nlm --set h_factor=1.2
     """
     from . import batch
 
-    name = method or DEFAULT_METHOD
+    if method is not None and preset is not None:
+        raise _usage(f"--method {method} and --preset {preset} are both given: a preset is a method, so give one")
+    name, parameters = settle(method, preset, {})
     options = {"method": name, "layers": _layers(layers), "samples_per_pixel": samples, "overwrite": force}
-    options |= _parameters(name, pairs) | {"device": _device(device)}
+    options |= parameters | _parameters(name, pairs) | {"device": _device(device)}
     is_folder = Path(inputs[0]).is_dir()
     if len(inputs) > 1 and any(Path(name).is_dir() for name in inputs):
         raise _usage("there is a folder among several inputs, but one folder or several files are needed")

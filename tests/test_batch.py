@@ -10,7 +10,7 @@ from mcdenoise_cl.api import denoise
 from mcdenoise_cl.errors import DeviceError, ExrError, FrameError, ParameterError
 from mcdenoise_cl.exr import read_exr, write_exr
 from mcdenoise_cl.frame import Frame
-from mcdenoise_cl.methods import DEFAULT_METHOD
+from mcdenoise_cl.methods import DEFAULT_PRESET, PRESETS
 from mcdenoise_cl.quiet import hushed
 
 H, W = 31, 40
@@ -70,7 +70,7 @@ def test_denoise_file_takes_other_layers(tmp_path):
     outcome = batch.denoise_file(
         source, tmp_path / "a.exr", layers=dict.fromkeys(("albedo", "normal", "depth"), "none")
     )
-    assert (outcome.report.method, outcome.layers) == (DEFAULT_METHOD, {"color": "RGB"})
+    assert (outcome.report.method, outcome.layers) == (PRESETS[DEFAULT_PRESET].method, {"color": "RGB"})
     batch.denoise_file(source, tmp_path / "b.exr", layers={"color": "albedo"}, method="nlm", **SMALL)
     noisy, clean = read_exr(source), read_exr(tmp_path / "b.exr")
     np.testing.assert_array_equal(clean.color, noisy.color)
@@ -155,7 +155,7 @@ def test_one_denoiser_for_frames_alike(tmp_path, monkeypatch):
 
     monkeypatch.setattr(batch, "Denoiser", Counted)
     outcomes = batch.denoise_files(sources, tmp_path / "out")
-    assert made == [(H, W, DEFAULT_METHOD), (9, 11, DEFAULT_METHOD)]
+    assert made == [(H, W, PRESETS[DEFAULT_PRESET].method), (9, 11, PRESETS[DEFAULT_PRESET].method)]
     for outcome in outcomes:
         np.testing.assert_array_equal(read_exr(outcome.target).color, denoise(read_exr(outcome.source)))
 

@@ -22,8 +22,9 @@ from mcdenoise_cl.cli import main
 from mcdenoise_cl.device import list_devices
 from mcdenoise_cl.exr import read_exr, write_exr
 from mcdenoise_cl.frame import PLANES, Frame
-from mcdenoise_cl.methods import DEFAULT_METHOD
+from mcdenoise_cl.methods import DEFAULT_PRESET, PRESETS
 
+DEFAULT = PRESETS[DEFAULT_PRESET].method
 COMMAND = str(Path(sys.executable).parent / "mcdenoise")
 H, W = 24, 32
 SMALL = ["--set", "search_radius=1", "--set", "patch_radius=1"]
@@ -106,7 +107,7 @@ def test_denoise_a_file(noisy, tmp_path):
     said = notes("denoise", noisy, "-o", tmp_path / "clean.exr")
     frame, clean = read_exr(noisy), read_exr(tmp_path / "clean.exr")
     used = r"from color=RGB, albedo=albedo, normal=N.* in \d+ ms on"
-    assert re.fullmatch(rf".*clean.exr: {DEFAULT_METHOD} {used} {re.escape(pick_device().name)} .*\n", said)
+    assert re.fullmatch(rf".*clean.exr: {DEFAULT} {used} {re.escape(pick_device().name)} .*\n", said)
     np.testing.assert_array_equal(clean.color, denoise(frame))
     assert set(clean.planes()) == set(frame.planes())
 
@@ -124,12 +125,22 @@ def test_denoise_options(noisy, tmp_path):
     # Where the default falls back to the colour alone its user should know.
     alone = ["--layer", "normal=", "--layer", "albedo=none", "--layer", "depth=none"]
     said = notes("denoise", noisy, "-o", out / "b.exr", *alone, *SMALL)
-    assert f"b.exr: {DEFAULT_METHOD} from color=RGB in" in said and "note: nothing but the colour was found" in said
+    assert (
+        f"b.exr: {PRESETS[DEFAULT_PRESET].method} from color=RGB in" in said
+        and "note: nothing but the colour was found" in said
+    )
     said = notes("denoise", noisy, "-o", out / "c.exr", "--layer", "albedo=N", "--set", "stabilised=off", *FAST)
     assert "c.exr: ssim-nlm from color=RGB, albedo=N, normal=N" in said
     swapped = Frame(frame.color, frame.normal, frame.normal)
     wanted = denoise(swapped, method="ssim-nlm", stabilised=False, **small)
     np.testing.assert_array_equal(read_exr(out / "c.exr").color, wanted)
+
+
+def test_denoise_with_a_preset(noisy, tmp_path):
+    said = notes("denoise", noisy, "-o", tmp_path / "clean.exr", "--preset", "fast")
+    assert f"clean.exr: {PRESETS['fast'].method} from" in said
+    both = "--method", "nlm", "--preset", "fast"
+    assert "a preset is a method, so give one" in error("denoise", noisy, "-o", tmp_path / "c.exr", *both, code=2)
 
 
 def test_denoise_says_what_it_replaced(tmp_path):

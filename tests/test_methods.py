@@ -11,7 +11,7 @@ from test_auto import options_of
 from test_stages import close
 
 from mcdenoise_cl import ParameterError, denoise, methods
-from mcdenoise_cl.methods import get_method
+from mcdenoise_cl.methods import DEFAULT_PRESET, PRESETS, get_method, settle
 from mcdenoise_cl.methods.parameters import make, parse
 from mcdenoise_cl.render import render
 
@@ -207,3 +207,26 @@ def test_regression_on_a_rendering(rendering):
 def test_auto_on_a_rendering(rendering):
     image, _, _ = oracle_auto.denoise_auto(rendering.color, rendering.planes(), **options_of(search_radius=4))
     close(denoise(rendering, method="auto", search_radius=4), image, tolerance=5e-4)
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
+def test_a_preset_is_its_method_with_its_parameters(name):
+    scene = inputs.features(24, 40, noise=0.3)
+    planes = {key: scene[key] for key in ("albedo", "normal", "depth")}
+    preset = PRESETS[name]
+    expected = denoise(scene["color"], **planes, method=preset.method, **preset.parameters)
+    np.testing.assert_array_equal(denoise(scene["color"], **planes, preset=name), expected)
+
+
+def test_no_preset_is_the_default_preset_and_parameters_go_before_a_preset():
+    assert settle(None, None, {}) == settle(None, DEFAULT_PRESET, {})
+    assert settle(None, "balanced", {"search_radius": 3})[1]["search_radius"] == 3
+    assert settle("nlm", None, {"h_factor": 2.0}) == ("nlm", {"h_factor": 2.0})
+
+
+def test_presets_refused():
+    color = np.ones((4, 4, 3), np.float32)
+    with pytest.raises(ParameterError, match="method 'nlm' and preset 'fast' are both given"):
+        denoise(color, method="nlm", preset="fast")
+    with pytest.raises(ParameterError, match="preset is 'best' but one of fast, balanced, high is needed"):
+        denoise(color, preset="best")

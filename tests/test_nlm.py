@@ -34,7 +34,9 @@ def test_patch_ssim(engine, kind, height, width, patch, dx, dy):
     image = unit_image(kind, height, width)
     unit, stats = prepare(engine, image, max(abs(dx), abs(dy)), patch)
     actual = to_array(engine, patch_ssim(engine, unit, stats, dx, dy, patch, C1, C2))
-    np.testing.assert_allclose(actual, oracle.patch_ssim(image, dx, dy, patch, C1, C2).reshape(actual.shape), atol=1e-5)
+    expected = oracle.patch_ssim(image, dx, dy, patch, C1, C2).reshape(actual.shape)
+    # A variance of differences of order 1 is rounded by 1e-7, which is 1e-4 of C2.
+    np.testing.assert_allclose(actual, expected, atol=1.2e-4)
 
 
 def test_patch_ssim_agrees_with_scikit_image(engine):

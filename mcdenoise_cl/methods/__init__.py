@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from ..errors import ParameterError
 from . import auto, guided, nlm, regression, ssim_nlm
 from .parameters import ParameterInfo, describe
+from .presets import DEFAULT_PRESET, PRESETS, settle
+
+__all__ = ["DEFAULT_PRESET", "PRESETS", "Method", "get_method", "methods", "settle"]
 
 
 @dataclass(frozen=True)
@@ -20,6 +23,7 @@ class Method:
         summary: one line.
         needs: planes it cannot do without, besides `color`.
         uses: planes it makes use of where they are there.
+        halves_too: whether it makes use of half buffers where the variance of the colour is there as well.
         parameters: names, defaults, ranges and meanings.
     """
 
@@ -27,13 +31,19 @@ class Method:
     summary: str
     needs: tuple[str, ...]
     uses: tuple[str, ...]
+    halves_too: bool
     parameters: tuple[ParameterInfo, ...]
     make: type
     run: Callable[..., Any]
 
+    def takes(self, present: Iterable[str]) -> list[str]:
+        """Which of these planes of a frame it makes use of, in their order."""
+        present = list(present)
+        wanted = {"color", *self.needs, *self.uses}
+        if "color_variance" in present and not self.halves_too:
+            wanted -= {"color_a", "color_b"}
+        return [name for name in present if name in wanted]
 
-#: What frames are denoised with unless a method is named: the most accurate by measurement (bench/quality.py).
-DEFAULT_METHOD = auto.NAME
 
 _METHODS = {
     module.NAME: Method(
@@ -41,6 +51,7 @@ _METHODS = {
         summary=module.SUMMARY,
         needs=module.NEEDS,
         uses=module.USES,
+        halves_too=module is auto,
         parameters=describe(module.Parameters),
         make=module.Parameters,
         run=module.run,

@@ -62,16 +62,16 @@ KEEP = 0.05
 #: Residuals count up to so many standard deviations of the noise, whose tails are long.
 LIMIT = 1.0
 
-#: A result lies at most so many standard deviations of the noisiest pixel around from the input, where these are known.
-#: A smaller number costs accuracy (1.5: 1 % at 128 samples), a larger one lets more of what a wrong fit does through.
-LIKELY = 2.0
+#: `likely` of `keep_plausible`, where the noise is known. At 2 some of the noise of smooth frames came back, whose
+#: variances are alike everywhere; a larger one lets more of what a wrong fit does through.
+LIKELY = 3.0
 
 
 def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
     """Door to exit without the door and the exit: planes in, planes out."""
     frame = prepare(engine, planes, p)
     noisy = stack(engine, [frame.color, _half_difference(engine, planes, frame)], 0)
-    terms = terms_for(engine, frame, p.search_radius)
+    terms = terms_for(engine, frame, max(p.search_radius, p.wide_radius * p.wide_stride))
     current, narrow = first_order_regression(
         engine,
         frame.color,
@@ -88,7 +88,7 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
         engine,
         current.part(0, 3),
         variance_left(engine, current),
-        terms_for(engine, frame, p.wide_radius * p.wide_stride),
+        terms,
         current,
         search_radius=p.wide_radius,
         patch_radius=1,

@@ -65,11 +65,13 @@ def box_fit(
     light = box_mean(engine, light, LIGHT_RADIUS)
 
     group = 1 + (count + 3) + count * (count + 1) // 2 + 3 * count
-    groups, joined = engine.planes(group, rows, columns), engine.planes(group, rows, columns)
+    groups, joined = engine.planes(group, rows, columns), engine.planes(group, columns, rows)
+    window = 2 * radius + 1
     launch("blocks", blocks, light, color, *guides, *noises, height, width, float(relative), float(noise_ridge), groups)
-    launch("columns", blocks, groups, rows, columns, joined)
+    launch("columns", (engine.vectors(columns), -(-rows // window)), groups, rows, columns, joined)
     fit = engine.planes(3 * (count + 1), rows, columns)
-    launch("solve", blocks, joined, rows, columns, float(ridge), float(floor), fit)
+    size = engine.vectors(rows), -(-columns // window)
+    launch("solve", size, joined, columns, rows, float(ridge), float(floor), fit)
     del groups, joined
     fit = box_mean(engine, fit, radius)
 

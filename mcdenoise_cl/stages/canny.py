@@ -8,6 +8,7 @@ import numpy as np
 import pyopencl as cl
 
 from ..engine import Engine, Planes
+from .pad import pad
 
 
 def gaussian_taps(sigma: float, radius: int) -> np.ndarray:
@@ -35,8 +36,9 @@ def gaussian_blur(engine: Engine, image: Planes, sigma: float) -> Planes:
     kernel = engine.kernel("canny.cl", "convolve")
     for dx, dy in ((1, 0), (0, 1)):
         out = engine.planes(1, image.height, image.width)
-        size = (image.width, image.height)
-        engine.launch("canny", kernel, size, image, image.height, image.width, out, taps, radius, dx, dy)
+        size = (engine.vectors(image.width), image.height)
+        padded = pad(engine, image, radius)
+        engine.launch("canny", kernel, size, padded, image.height, image.width, out, taps, radius, dx, dy)
         image = out
     return image
 

@@ -48,16 +48,22 @@ def strided(array: cl_array.Array) -> Strided:
 
 
 def upload(engine: Engine, array: np.ndarray) -> tuple[Strided, np.ndarray]:
-    """Copy a host array to the device without waiting; the second value must live until the queue has finished.
+    """A host array for the device, without waiting; the second value must live until the queue has finished.
 
-    float64 is rounded to float32 here: the planes are float32, and many GPUs have no double precision.
+    A device in the host's own memory reads it where it is; others get a copy. float64 is rounded to float32 here: the
+    planes are float32, and many GPUs have no double precision.
     """
     with np.errstate(over="ignore"):  # beyond float32 becomes infinite, which the door counts and replaces
-        host = np.ascontiguousarray(array, np.float32 if array.dtype == np.float64 else array.dtype)
-    buffer = engine.memory(host.nbytes)
-    cl.enqueue_copy(engine.queue, buffer, host, is_blocking=False)
+        host = np.require(array, np.float32 if array.dtype == np.float64 else array.dtype, ["C", "A"])
+    if engine.device.type & cl.device_type.CPU:
+        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
+        buffer = cl.Buffer(engine.context, flags, hostbuf=host)
+    else:
+        buffer = engine.memory(host.nbytes)
+        cl.enqueue_copy(engine.queue, buffer, host, is_blocking=False)
     channels = host.shape[2] if host.ndim == 3 else 1
-    return Strided(buffer, host.dtype, channels, 0, (host.shape[1] * channels, channels, 1)), host
+    channel = 1 if host.ndim == 3 else 0
+    return Strided(buffer, host.dtype, channels, 0, (host.shape[1] * channels, channels, channel)), host
 
 
 def door(
@@ -79,6 +85,8 @@ def door(
     """
     channels = array.channels
     out = engine.planes(channels, height, width)
-    kernel = engine.kernel("door.cl", "door", **type_define(engine, array.dtype, "SOURCE"))
-    engine.launch("door", kernel, (width, height), array.buffer, *array.layout, channels, height, width, out, bad, slot)
+    packed = {"PACKED": None} if array.strides[1:] == ((channels, 1) if channels > 1 else (1, 0)) else {}
+    kernel = engine.kernel("door.cl", "door", CHANNELS=channels, **packed, **type_define(engine, array.dtype, "SOURCE"))
+    size = engine.vectors(width), height
+    engine.launch("door", kernel, size, array.buffer, *array.layout, height, width, out, bad, slot)
     return out

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from ..engine import Engine, Planes
 from .box import box_mean
+from .pad import pad
+
+#: Removed light is blurred in blocks of so many pixels squared, if its blur is that much wider.
+SCALE, WIDER = 4, 8
 
 
 def scale_outliers(
@@ -11,38 +15,40 @@ def scale_outliers(
 ) -> tuple[Planes, Planes]:
     """Scale pixels brighter than `limit` times the brightest of their eight neighbours down to that, in place.
 
-    `variance` (three planes, of the pixel mean) is scaled with its colour. A pixel that stands out by more than
-    `significant` of its own standard deviations stays: it is no outlier but a small light.
+    `variance` (three planes, of the pixel mean) is scaled with its colour. A pixel that stands out of its neighbours by
+    more than `significant` of its own standard deviations stays: it is no outlier but a small light.
 
     Returns:
         What was removed: three planes, 0 where nothing was; and the factor of each pixel, one plane.
     """
     height, width = color.height, color.width
+    size = engine.vectors(width), height
+    bright = engine.planes(1, height, width)
+    engine.launch("outliers", engine.kernel("outliers.cl", "brightest"), size, color, height, width, bright)
     factor, removed = engine.planes(1, height, width), engine.planes(3, height, width)
-    kernel = engine.kernel("outliers.cl", "outlier_factor")
-    numbers = float(limit), float(significant)
-    engine.launch("outliers", kernel, (width, height), color, variance, height, width, *numbers, factor)
-    kernel = engine.kernel("outliers.cl", "apply_factor")
-    engine.launch("outliers", kernel, (width, height), factor, color, variance, height, width, removed)
+    arguments = pad(engine, bright, 1), color, variance, height, width, float(limit), float(significant)
+    engine.launch("outliers", engine.kernel("outliers.cl", "hold_back"), size, *arguments, factor, removed)
     return removed, factor
 
 
 def spread_removed(engine: Engine, image: Planes, removed: Planes, radius: int) -> Planes:
     """Give the removed energy back: blurred by three box means, half of it evenly, half in proportion to brightness."""
     height, width = image.height, image.width
-    size = (width, height)
-    blurred = _blur(engine, removed, radius)
-    even, gray = engine.planes(3, height, width), engine.planes(1, height, width)
-    kernel = engine.kernel("outliers.cl", "add_evenly")
-    engine.launch("outliers", kernel, size, image, blurred, height, width, even, gray)
-    gray = _blur(engine, gray, radius)
+    scale = SCALE if radius >= WIDER * SCALE else 1
+    down, across = -(-height // scale), -(-width // scale)
+
+    def launch(name: str, size: tuple[int, ...], *arguments) -> None:
+        engine.launch("outliers", engine.kernel("spread.cl", name, SCALE=scale), size, *arguments)
+
+    def blur(planes: Planes) -> Planes:
+        for _ in range(3):
+            planes = box_mean(engine, planes, round(radius / scale))
+        return planes
+
+    blocks, bright = engine.planes(3, down, across), engine.planes(1, down, across)
+    launch("block_means", (across, down, 3), removed, height, width, blocks)
+    blocks = blur(blocks)
+    launch("brightness", (across, down), image, blocks, height, width, bright)
     out = engine.planes(3, height, width)
-    kernel = engine.kernel("outliers.cl", "add_in_proportion")
-    engine.launch("outliers", kernel, size, even, blurred, gray, height, width, out)
+    launch("give_back", (across, height), image, blocks, blur(bright), height, width, out)
     return out
-
-
-def _blur(engine: Engine, image: Planes, radius: int) -> Planes:
-    for _ in range(3):
-        image = box_mean(engine, image, radius)
-    return image

@@ -18,8 +18,9 @@ def keep_plausible(
         filtered, frame: the filtered frame and its input, three colours and a half difference each.
         variance: of the input's pixels, three planes, not smoothed.
         share: the input's share in `filtered`, one plane; raised where the input comes back.
-        likely: standard deviations of the noisiest pixel around that lie between the two at most; from 1.5 times that on the
-            input stays.
+        likely: squared distances, in variances of the noisiest pixel around, that 5x5 pixels may have on average (noise
+            alone, wholly removed, makes them 1, or 2 where the channels have noise of their own); one pixel may have
+            five times as much. From 1.5 times that on the input stays.
     """
     height, width = frame.height, frame.width
     down, across = -(-height // BLOCK), -(-width // BLOCK)

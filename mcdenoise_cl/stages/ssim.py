@@ -6,12 +6,12 @@ from ..engine import Engine, Planes
 
 
 def patch_statistics(engine: Engine, unit: Planes, patch_radius: int) -> Planes:
-    """Of the patch around each pixel: means (planes 0-2), variances (3-5) and means of the middle row (6-8).
+    """Of the patch around each pixel: means (planes 0-2) and variances (3-5).
 
     Args:
         unit: three planes in [0, 1] with a mirrored border of at least `patch_radius`.
     """
-    out = engine.planes(9, unit.height, unit.width)
+    out = engine.planes(6, unit.height, unit.width)
     kernel = engine.kernel("ssim.cl", "patch_statistics", **engine.tile_defines(patch_radius))
     engine.launch("ssim", kernel, (engine.vectors(unit.width), unit.height, 3), unit, unit.height, unit.width, out)
     return out

@@ -1,0 +1,76 @@
+/* The energy removed from outliers, blurred, goes back: half of it evenly, half in proportion to the brightness.
+ *
+ * The blur is wide, so it is made of the means of blocks of SCALE x SCALE pixels, and interpolated between them.
+ */
+#include "common.h"
+
+/* The mean of each block, of three planes. */
+kernel void block_means(CONST_PLANES(in), int height, int width, PLANES(out))
+{
+    const int bx = get_global_id(0), by = get_global_id(1), c = get_global_id(2);
+    if (bx * SCALE >= width || by * SCALE >= height)
+        return;
+    const int right = min((bx + 1) * SCALE, width), bottom = min((by + 1) * SCALE, height);
+    float sum = 0.f;
+    for (int y = by * SCALE; y < bottom; y++)
+        for (int x = bx * SCALE; x < right; x++)
+            sum += AT(in, c, y, x);
+    AT(out, c, by, bx) = sum / ((bottom - by * SCALE) * (right - bx * SCALE));
+}
+
+/* The mean brightness of each block once half of the removed light is back. */
+kernel void brightness(CONST_PLANES(image), CONST_PLANES(removed), int height, int width, PLANES(out))
+{
+    const int bx = get_global_id(0), by = get_global_id(1);
+    if (bx * SCALE >= width || by * SCALE >= height)
+        return;
+    const int right = min((bx + 1) * SCALE, width), bottom = min((by + 1) * SCALE, height);
+    float sum = 0.f;
+    for (int y = by * SCALE; y < bottom; y++)
+        for (int x = bx * SCALE; x < right; x++)
+            sum += AT(image, 0, y, x) + AT(image, 1, y, x) + AT(image, 2, y, x);
+    const float back = AT(removed, 0, by, bx) + AT(removed, 1, by, bx) + AT(removed, 2, by, bx);
+    AT(out, 0, by, bx) = (sum / ((bottom - by * SCALE) * (right - bx * SCALE)) + 0.5f * back) / 3.f;
+}
+
+/* Where pixel i of a block lies: this far from one block's middle to the next, of the pair that begins `before` it. */
+inline float between_blocks(int i, int *before)
+{
+    const float at = (i + 0.5f) / SCALE - 0.5f;
+    *before = at < 0.f;
+    return at + *before;
+}
+
+/* A work-item takes SCALE pixels of a row. */
+kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(bright), int height, int width,
+                      PLANES(out))
+{
+    const int bx = get_global_id(0), y = get_global_id(1);
+    const int last = (width - 1) / SCALE, bottom = (height - 1) / SCALE;
+    if (bx > last || y >= height)
+        return;
+    int before;
+    const float down = between_blocks(y % SCALE, &before);
+    const int top = max(y / SCALE - before, 0), next = min(y / SCALE - before + 1, bottom);
+    float4 blocks[3]; /* left, own, right: removed light and brightness */
+    for (int i = 0; i < 3; i++) {
+        const int x = clamp(bx + i - 1, 0, last);
+        const float4 above = (float4)(AT(removed, 0, top, x), AT(removed, 1, top, x), AT(removed, 2, top, x), AT(bright, 0, top, x));
+        const float4 below = (float4)(AT(removed, 0, next, x), AT(removed, 1, next, x), AT(removed, 2, next, x), AT(bright, 0, next, x));
+        blocks[i] = mix(above, below, down);
+    }
+#pragma unroll
+    for (int i = 0; i < SCALE; i++) {
+        const int x = bx * SCALE + i;
+        if (x >= width)
+            return;
+        const float across = between_blocks(i, &before);
+        const float4 here = mix(blocks[1 - before], blocks[2 - before], across);
+        const float mean = (here.x + here.y + here.z) / 3.f;
+        /* at most half as much again, whatever a fit has left of the surroundings */
+        const float gain = 1.f + 0.5f * mean / fmax(fmax(here.w, mean), 1e-9f);
+        AT(out, 0, y, x) = (AT(image, 0, y, x) + 0.5f * here.x) * gain;
+        AT(out, 1, y, x) = (AT(image, 1, y, x) + 0.5f * here.y) * gain;
+        AT(out, 2, y, x) = (AT(image, 2, y, x) + 0.5f * here.z) * gain;
+    }
+}
