@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from mcdenoise_cl.methods import get_method
+from mcdenoise_cl.methods import get_method, settle
 
-#: Name -> keyword arguments of `Denoiser`, besides the frame's size and the device. A preset is one more line, for
-#: instance "auto, fast": {"method": "auto", "preset": "fast"}; a method without one stands for its defaults.
+#: Name -> keyword arguments of `Denoiser`, besides the frame's size and the device. The presets "fast" and "high" are
+#: `guided` and `auto` as they are.
 ENTRIES: dict[str, dict[str, Any]] = {
     "nlm": {"method": "nlm"},
     "ssim-nlm": {"method": "ssim-nlm"},
     "guided": {"method": "guided"},
+    "regression, balanced": {"preset": "balanced"},
     "regression": {"method": "regression"},
     "auto": {"method": "auto"},
 }
@@ -38,8 +39,14 @@ class Entry:
 def entry(name: str) -> Entry:
     """The entry of that name."""
     arguments = ENTRIES[name]
-    method = get_method(arguments["method"])
+    method = get_method(method_of(name))
     return Entry(name, arguments, method.needs, ("color", *method.needs, *method.uses))
+
+
+def method_of(name: str) -> str:
+    """The method that an entry stands for."""
+    arguments = ENTRIES[name]
+    return settle(arguments.get("method"), arguments.get("preset"), {})[0]
 
 
 def chosen_entries(names: list[str]) -> list[Entry]:

@@ -6,11 +6,11 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
-from entries import ENTRIES
+from entries import ENTRIES, method_of
 
 #: (slower, faster): how many times as fast the second is. The slow baselines first, then the strong one.
-PAIRS = [("scikit-image NLM", name) for name in ENTRIES if ENTRIES[name]["method"] in ("nlm", "ssim-nlm")]
-PAIRS += [("OIDN high", name) for name in ENTRIES if ENTRIES[name]["method"] in ("guided", "regression", "auto")]
+PAIRS = [("scikit-image NLM", name) for name in ENTRIES if method_of(name) in ("nlm", "ssim-nlm")]
+PAIRS += [("OIDN high", name) for name in ENTRIES if method_of(name) in ("guided", "regression", "auto")]
 #: What the largest frame is compared with, where it was measured.
 BASE = (1280, 720)
 

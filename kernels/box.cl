@@ -5,15 +5,7 @@
  * rounding error (Knuth's two-sum). The result is written transposed: two calls give the sum in both directions
  * and the image back upright.
  */
-#include "common.h"
-
-inline void accumulate(vec *sum, vec *lost, vec term)
-{
-    const vec next = *sum + term;
-    const vec part = next - *sum;
-    *lost += (*sum - (next - part)) + (term - part);
-    *sum = next;
-}
+#include "two_sum.h"
 
 /* Columns of `in` and rows of `out` are readable and writable up to the next multiple of WIDTH. */
 kernel void box_transposed(CONST_PLANES(in), int height, PLANES(out), int radius, int rows_each, float scale)

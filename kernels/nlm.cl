@@ -9,11 +9,6 @@
  */
 #include "patch.h"
 
-/* The weight of i itself: 1 (d = 0), or the largest of the others, and then at least LEAST_WEIGHT: a pixel that
- * nothing resembles, such as a small lamp, stays as it is (from 1e-20 to 1e-2 the errors measured are the same). */
-#define CENTER_ONE 0
-#define LEAST_WEIGHT 1e-4f
-
 kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, int search_radius,
                 constant float *gaussian, global const float *restrict noise_level, float h_factor,
                 int center,
@@ -23,8 +18,7 @@ kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, 
                 PLANES(out))
 {
     const int x = get_global_id(0) * COLUMNS, y = get_global_id(1) * ROWS;
-    const float h = fmax(h_factor * noise_level[0], 1e-6f);
-    const float scale = -1.f / (3.f * h * h);
+    const float scale = exponent_scale(h_factor, noise_level[0]);
     global const float *tone_here = tone + INDEX(tone, 0, y, x);
     global const float *color_here = color + INDEX(color, 0, y, x);
 #ifdef WITH_SSIM
@@ -66,8 +60,7 @@ kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, 
         }
     for (int r = 0; r < ROWS && y + r < height; r++)
         for (int v = 0; v < VECTORS; v++) {
-            const vec own = center == CENTER_ONE ? (vec)(1.f) : fmax(most[r][v], (vec)(LEAST_WEIGHT));
-            const vec norm = total[r][v] + own;
+            const vec norm = total[r][v] + center_weight(center, most[r][v]);
             for (int c = 0; c < 3; c++) {
                 const vec value = LOAD(color_here + c * color_plane + r * color_row + v * WIDTH) + sum[c][r][v] / norm;
                 STORE(value, out + INDEX(out, c, y + r, x + v * WIDTH));

@@ -7,9 +7,9 @@
  */
 #ifndef MCDENOISE_PATCH_H
 #define MCDENOISE_PATCH_H
-#include "common.h"
+#include "similarity.h"
+#include "weight.h"
 
-#define PATCH (2 * PATCH_RADIUS + 1)
 #define VECTORS (COLUMNS / WIDTH)
 #define SPAN_VECTORS ((COLUMNS + 2 * PATCH_RADIUS + WIDTH - 1) / WIDTH)
 
@@ -49,11 +49,8 @@ inline void patch_sum(global const float *a, global const float *b, int row, int
         }
 }
 
-/* How far two pixels differ beyond what their noise explains, in units of that noise (Rousselle et al. 2012, with the
- * channels taken together: one division): the row of differences that line y of a tile's patches needs. a and b as
- * above; va and vb point likewise into one plane, the sum of the channels' variances. */
-#define LEAST_VARIANCE 1e-12f
-
+/* excess_of_noise for the row of pixels that line y of a tile's patches needs. a and b as above; va and vb point likewise
+ * into one plane, the sum of the channels' variances. */
 inline void excess_row(global const float *a, global const float *b, int row, int plane, global const float *va,
                        global const float *vb, int v_row, int channels, int y, float excess[SPAN_VECTORS * WIDTH])
 {
@@ -66,7 +63,7 @@ inline void excess_row(global const float *a, global const float *b, int row, in
             sum += difference * difference;
         }
         const vec here = LOAD(va + v_start + v * WIDTH), there = LOAD(vb + v_start + v * WIDTH);
-        STORE((sum - (here + fmin(here, there))) / (here + there + LEAST_VARIANCE), excess + v * WIDTH);
+        STORE(excess_of_noise(sum, here, there), excess + v * WIDTH);
     }
 }
 
@@ -105,17 +102,7 @@ inline void patch_variance_distance(global const float *a, global const float *b
             out[y][v] = fmax(norm * sum_down(across, y, v, PATCH_RADIUS), (vec)(0.f));
 }
 
-/* (1 - d / 4)^4 where exp(-d) would do as well: it ends, and costs four operations. x = -d / 4. */
-inline vec falloff(vec x)
-{
-    const vec t = clamp((vec)(1.f) + x, (vec)(0.f), (vec)(1.f)), t2 = t * t;
-    return t2 * t2;
-}
-
-/* out[y][v] = falloff(scale * distance), mean for the distances of the patch and of its inner half: a wide patch tells
- * noise from structure, a narrow one follows edges, and their errors differ. */
-#define INNER_RADIUS (PATCH_RADIUS / 2)
-
+/* out[y][v] = weight_of_sums. */
 inline void patch_weights(global const float *a, global const float *b, int row, int plane, global const float *va,
                           global const float *vb, int v_row, float scale, vec out[ROWS][VECTORS])
 {
@@ -128,20 +115,10 @@ inline void patch_weights(global const float *a, global const float *b, int row,
             inner[y][v] = sum_along(excess, v, INNER_RADIUS);
         }
     }
-    const float norm = scale / (PATCH * PATCH);
-    const float inner_norm = scale / ((2 * INNER_RADIUS + 1) * (2 * INNER_RADIUS + 1));
     for (int y = 0; y < ROWS; y++)
-        for (int v = 0; v < VECTORS; v++) {
-            const vec wide = falloff(norm * sum_down(across, y, v, PATCH_RADIUS));
-            const vec narrow = falloff(inner_norm * sum_down(inner, y, v, INNER_RADIUS));
-            out[y][v] = 0.5f * (wide + narrow);
-        }
+        for (int v = 0; v < VECTORS; v++)
+            out[y][v] = weight_of_sums(sum_down(across, y, v, PATCH_RADIUS), sum_down(inner, y, v, INNER_RADIUS), scale);
 }
-
-/* Patch statistics, as planes: STAT(c, kind) is the plane of channel c. */
-#define MEAN 0
-#define VARIANCE 1
-#define STAT(c, kind) (3 * (kind) + (c))
 
 /* out[y][v] = variance of a - b over the patch (uniform weights): mean(e^2) - mean(e)^2, whose rounding is below 1e-4 of
  * SSIM's C2 for values in [0, 1]. The means are known before: stats_a and stats_b point at the tile's first pixel in the
@@ -169,24 +146,8 @@ inline void patch_spread(global const float *a, global const float *b, int row, 
         }
 }
 
-/* 1 - SSIM of two patches of one channel (Wang et al. 2004; Yang 2022, eq. 7, with C3 = C2 / 2):
- *   luminance = 1 - (mu_x - mu_y)^2 / (mu_x^2 + mu_y^2 + C1)
- *   contrast * structure = 1 - var(x - y) / (var_x + var_y + C2)
- * Differences first: equal patches give exactly 0, where the textbook form leaves rounding noise for the
- * logarithm of eq. 8 to magnify.
- */
-inline vec dissimilarity(vec mean_x, vec mean_y, vec variance_x, vec variance_y, vec spread, float c1, float c2)
-{
-    const vec step = mean_x - mean_y;
-    const vec step2 = step * step;
-    const vec luminance_scale = mean_x * mean_x + mean_y * mean_y + c1;
-    const vec structure_scale = variance_x + variance_y + c2;
-    return (step2 * (structure_scale - spread) + spread * luminance_scale) / (luminance_scale * structure_scale);
-}
-
-/* ssim[y][v] = mean over three channels, kept away from 0 so that eq. 8's logarithm stays finite; x and y point at the tile's first pixel and at the same, moved by the offset, in the
+/* ssim[y][v] = ssim_of_channels; x and y point at the tile's first pixel and at the same, moved by the offset, in the
  * normals; stats_x and stats_y likewise in their statistics. */
-#define LEAST_SSIM 1e-6f
 
 inline void patch_ssim_tile(global const float *x, global const float *y, int row, int plane,
                                 global const float *stats_x, global const float *stats_y, int stats_row,
@@ -208,7 +169,7 @@ inline void patch_ssim_tile(global const float *x, global const float *y, int ro
     }
     for (int r = 0; r < ROWS; r++)
         for (int v = 0; v < VECTORS; v++)
-            ssim[r][v] = clamp((vec)(1.f) - ssim[r][v] * (1.f / 3.f), (vec)(LEAST_SSIM), (vec)(1.f));
+            ssim[r][v] = ssim_of_channels(ssim[r][v]);
 }
 
 #endif

@@ -11,7 +11,7 @@ import pyopencl.array as cl_array
 
 from .choose import pick_device
 from .details import Denoised, Report, error_map, make_report, model_map
-from .device import context_for
+from .device import Shape, context_for
 from .engine import Engine, Planes
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
@@ -81,6 +81,11 @@ class Denoiser:
     def queue(self) -> cl.CommandQueue:
         """The queue on which everything runs."""
         return self._engine.queue
+
+    def reshape(self, shape: Shape) -> None:
+        """Cut the work otherwise from now on: for `mcdenoise_cl.tune`."""
+        with self._lock:
+            self._engine.reshape(shape)
 
     @property
     def report(self) -> Report:

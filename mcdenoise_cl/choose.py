@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
-import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
-import platformdirs
 import pyopencl as cl
 
 from .device import DEVICE_VARIABLE, INSTALL_HINT, DeviceInfo, context_for, describe, list_devices
 from .engine import Engine
 from .errors import DeviceError
+from .measured import recall, remember
 from .stages.nlm import nlm
 from .stages.pad import pad
 
@@ -61,30 +57,23 @@ def _default(devices: list[DeviceInfo]) -> DeviceInfo:
     return min(others, key=lambda info: seconds[_identity(info)])
 
 
-def _identity(info: DeviceInfo) -> str:
-    return f"{info.runtime} | {info.version} | {info.driver} | {info.name} | {info.compute_units}"
-
-
 def _measured_seconds(devices: list[DeviceInfo]) -> dict[str, float]:
-    """Seconds of one small denoising kernel on each device, measured once a machine and kept in the user's cache."""
+    """Seconds of one small denoising kernel on each device, measured once a machine and remembered."""
     identities = [_identity(info) for info in devices]
-    digest = hashlib.sha256("\n".join(identities).encode()).hexdigest()[:16]
-    path = Path(platformdirs.user_cache_dir("mcdenoise-cl")) / f"runtimes-{digest}.json"
+    key = "runtimes " + "; ".join(identities)
     try:
-        known = {str(name): float(seconds) for name, seconds in json.loads(path.read_text()).items()}
+        known = {str(name): float(seconds) for name, seconds in recall(key).items()}
         if set(known) == set(identities):
             return known
-    except (OSError, ValueError, AttributeError, TypeError):
-        pass  # absent, broken or written by another version: measure again
-    known = {identity: _time(info.device) for identity, info in zip(identities, devices, strict=True)}
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
-            json.dump({name: seconds if seconds < float("inf") else 1e30 for name, seconds in known.items()}, file)
-        Path(file.name).replace(path)
-    except OSError:
-        pass  # a read-only home only means measuring again next time
+    except (ValueError, AttributeError, TypeError):
+        pass  # absent, or written by another version: measure again
+    known = {name: _time(info.device) for name, info in zip(identities, devices, strict=True)}
+    remember(key, {name: min(seconds, 1e30) for name, seconds in known.items()})
     return known
+
+
+def _identity(info: DeviceInfo) -> str:
+    return f"{info.runtime} | {info.version} | {info.driver} | {info.name} | {info.compute_units}"
 
 
 def _time(device: cl.Device) -> float:

@@ -18,13 +18,14 @@ from .console import (
     print_devices,
     print_methods,
     print_scores,
+    print_trials,
     say,
     sentence,
     show_traceback,
     tell_outcome,
     tell_outcomes,
 )
-from .device import list_devices
+from .device import identity, list_devices, shape_for
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
 from .methods import DEFAULT_PRESET, PRESETS, get_method, settle
@@ -177,6 +178,29 @@ def devices(as_json: bool) -> None:
     print_devices(found, default, as_json)
     if wrong is not None:
         raise wrong
+
+
+@mcdenoise.command()
+@device_option
+@click.option("--reset", is_flag=True, help="Forget what was found, and measure nothing.")
+@debug_option
+def tune(device: str | None, reset: bool) -> None:
+    """Find out which shapes of kernels are fastest on the device.
+
+    Takes a minute or two on a CPU. What is found is kept in the user's cache folder and used from then on; without it,
+    shapes are used that should do well on any device of the kind.
+    """
+    from .measured import forget
+    from .tune import tune as measure
+
+    info = pick_device(_device(device))
+    if reset:
+        forget(identity(info.device))
+        say(f"{info.name}: the usual shapes are used again")
+        return
+    with Progress() as progress:
+        trials = measure(info, lambda done, count: progress.show("trying shapes", done, count))
+    print_trials(trials, shape_for(info.device))
 
 
 @mcdenoise.command("methods")

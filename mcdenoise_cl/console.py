@@ -25,7 +25,9 @@ from .methods.parameters import ParameterInfo
 
 if TYPE_CHECKING:  # batch and metrics take their time to import, and are not always needed
     from .batch import Outcome
+    from .device import Shape
     from .metrics import Scores
+    from .tune import Trial
 
 say = partial(click.echo, err=True)
 
@@ -126,6 +128,18 @@ def print_devices(devices: Sequence[DeviceInfo], default: DeviceInfo | None, as_
             f"     {device.kind}, {device.compute_units} compute units, {device.memory / 2**30:.1f} GiB; "
             f"{device.runtime}, {device.version}, driver {device.driver}"
         )
+
+
+def print_trials(trials: Sequence[Trial], used: Shape) -> None:
+    """How long each shape took; the one that is used is marked with *."""
+    for trial in trials:
+        shape, mark = trial.shape, "*" if trial.shape == used else " "
+        cut = (
+            f"work-groups of {'x'.join(map(str, shape.group))}"
+            if shape.schedule == "group"
+            else f"tiles of {'x'.join(map(str, shape.tile))} and {'x'.join(map(str, shape.deep))}"
+        )
+        click.echo(f"{mark} {1e3 * trial.seconds:7.1f} ms  {cut}")
 
 
 def print_methods(methods: Sequence[Method], as_json: bool) -> None:

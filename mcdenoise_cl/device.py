@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import shutil
 import threading
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 
 import pyopencl as cl
 
 from .errors import DeviceError
+from .measured import recall
 
 #: Environment variable that chooses the device when no argument does: an index, or part of a name.
 DEVICE_VARIABLE = "MCDENOISE_DEVICE"
@@ -105,26 +108,52 @@ def describe(index: int, device: cl.Device) -> DeviceInfo:
 
 
 def shape_for(device: cl.Device) -> Shape:
-    """Schedule, vector width and tiles for a device.
-
-    The tile schedule, for CPU runtimes, takes wide tiles of explicit vectors, whose scratch (about 30 KB with the
-    widest tile) stays in a core's first-level cache and well inside the smallest stack seen. The group schedule is for
-    anything else, whose own compiler makes the vectors.
+    """Schedule, vector width and tiles for a device: what `mcdenoise tune` found best, else the first of `shapes`.
 
     Raises:
         DeviceError: MCDENOISE_SCHEDULE names no schedule.
     """
-    cpu = bool(device.type & cl.device_type.CPU)
+    possible = shapes(device)
+    found = recall(identity(device))
+    return next((shape for shape in possible if shape_as_text(shape) == found), possible[0])
+
+
+def shapes(device: cl.Device) -> list[Shape]:
+    """The shapes that suit a device, the one to expect most of first.
+
+    The tile schedule, for CPU runtimes, takes wide tiles of explicit vectors, whose scratch stays in a core's caches
+    and well inside the smallest stack seen: about 30 KB with the widest tile, half a megabyte with the largest deep
+    one. The group schedule is for anything else, whose own compiler makes the vectors. A group lies in one block of
+    `terms`.
+
+    Raises:
+        DeviceError: MCDENOISE_SCHEDULE names no schedule.
+    """
+    # Mesa's rasteriser is a CPU, but ends loops of a work-item after 65535 turns in all: too few for a tile.
+    cpu = bool(device.type & cl.device_type.CPU) and "rusticl" not in device.platform.name
     schedule = os.environ.get(SCHEDULE_VARIABLE) or ("tile" if cpu else "group")
     if schedule not in SCHEDULES:
         raise DeviceError(
             f"environment variable {SCHEDULE_VARIABLE} is {schedule!r}: set it to {' or '.join(SCHEDULES)}, or unset it"
         )
-    group = (32, 8) if device.max_work_group_size >= 256 else (16, 4)
+    groups = [group for group in ((32, 8), (16, 8), (32, 4), (16, 4)) if math.prod(group) <= device.max_work_group_size]
+    groups = groups or [(1, 1)]
     if schedule == "group":
-        return Shape("group", width=1, tile=(1, 4), deep=(1, 1), group=group)
+        return [Shape("group", width=1, tile=(1, 4), deep=(1, 1), group=group) for group in groups]
     width = max(4, min(16, device.native_vector_width_float))
-    return Shape("tile", width=width, tile=(64, 16), deep=(32, 8), group=group)
+    tiles, deep = ((64, 16), (32, 16), (64, 8), (32, 8)), ((32, 8), (16, 8), (32, 4))
+    return [Shape("tile", width, tile, each, groups[0]) for tile in tiles for each in deep]
+
+
+def shape_as_text(shape: Shape) -> str:
+    """As it is remembered."""
+    return json.dumps(astuple(shape))
+
+
+def identity(device: cl.Device) -> str:
+    """A device and what drives it, in words."""
+    names = device.platform.name.strip(), device.version, device.driver_version, device.name
+    return " | ".join(name.strip() for name in names) + f" | {device.max_compute_units}"
 
 
 _contexts: dict[cl.Device, cl.Context] = {}

@@ -10,7 +10,7 @@ import pyopencl as cl
 import pyopencl.tools
 
 from . import program
-from .device import shape_for
+from .device import Shape, shape_for
 from .errors import DeviceError
 
 # The widest tile of any device: planes are allocated up to whole tiles, so that a kernel may store whole vectors.
@@ -64,6 +64,11 @@ class Engine:
         self._kernels: dict[tuple, cl.Kernel] = {}
         self._constants: dict[bytes, cl.Buffer] = {}
         self._events: list[tuple[str, cl.Event]] = []
+
+    def reshape(self, shape: Shape) -> None:
+        """Cut the work in another of `device.shapes` from now on."""
+        self.shape = shape
+        self._kernels.clear()
 
     def kernel(self, file: str, name: str, **defines: int | None) -> cl.Kernel:
         """A kernel of a file, built with these macros and the device's vector width."""

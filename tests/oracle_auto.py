@@ -1,7 +1,7 @@
 """The methods `regression` and `auto` from end to end in float64 NumPy, composed of the equations.
 
-The equations are those of `oracle_regression` and `oracle_choice`; only their order, and what is estimated where a
-frame does not have it, is here.
+The equations are those of `oracle_regression`, `oracle_choice` and `oracle_plausible`; only their order, and what is
+estimated where a frame does not have it, is here.
 """
 
 from __future__ import annotations
@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from oracle import auto_exposure, box_mean, luminance
 from oracle_choice import compare, estimated_error, share
+from oracle_plausible import keep_plausible
 from oracle_regression import (
     depth_feature,
     first_order_regression,
     outliers,
     prefilter,
     second_pass,
+    significance,
     spread_removed,
     variance_from_halves,
     variance_from_image,
@@ -58,8 +60,7 @@ def prepare(color: np.ndarray, planes: dict, outlier_limit: float | None, exposu
         raw = variance_from_image(c)
     kept, factor = c, np.ones((height, width))
     if outlier_limit is not None:
-        # Only a variance from many samples tells a small light from a firefly.
-        kept, factor = outliers(c, outlier_limit, raw, 5.0 if "color_variance" in planes else np.inf)
+        kept, factor = outliers(c, outlier_limit, raw, significance(planes))
     raw = raw * factor[..., None] ** 2
 
     features, noise = [np.zeros((height, width, 0))], [np.zeros((height, width, 0))]
@@ -146,6 +147,7 @@ def denoise_auto(
     caution: float,
     keep: float,
     limit: float,
+    likely: float,
     smoothing_radius: int,
     outlier_limit: float | None = 1.1,
     spread_radius: int = 50,
@@ -155,6 +157,8 @@ def denoise_auto(
     """(image, shares (4, H, W) of input, narrow, regression and wide, estimated error)."""
     f = prepare(color, planes, outlier_limit, exposure)
     noisy = np.concatenate([f.color, half_difference(f, planes)[..., None]], axis=-1)
+    # Both passes have the same terms.
+    ridges["terms_reach"] = max(search_radius, wide_radius * wide_stride)
     window = {"search_radius": search_radius, "patch_radius": patch_radius, "k": bandwidth}
     first, narrow = first_order_regression(f.color, f.variance, f.features, f.noise, noisy, **window, **ridges)
     window = {"stride": wide_stride, "search_radius": wide_radius, "patch_radius": 1, "k": wide_bandwidth}
@@ -181,9 +185,12 @@ def denoise_auto(
     g, q = compared(filtered, noisy, noisy, 0.0)
     known = 2.0 * q * noise / scale
     i = share(g, q, radius=smoothing_radius, prior=1.0, doubt=keep, margin=caution, square=known)
-    image = filtered[..., :3] + i[..., None] * (f.color - filtered[..., :3])
+    mixed = filtered + i[..., None] * (noisy - filtered)
+    if "color_variance" in planes or "color_a" in planes:
+        mixed, i = keep_plausible(mixed, noisy, f.raw, i, likely)
     error = estimated_error(in_brief(filtered), in_brief(noisy), i, scale, radius=smoothing_radius)
     parts = np.stack([i, (1 - i) * n, (1 - i) * (1 - n) * (1 - w), (1 - i) * (1 - n) * w])
+    image = mixed[..., :3]
     if outlier_limit is not None:
         image = spread_removed(image, f.removed, spread_radius)
     return image / f.exposure, parts, error

@@ -16,6 +16,7 @@ from oracle_regression import (
     depth_feature,
     outliers,
     prefilter,
+    significance,
     spread_removed,
     variance_from_halves,
     variance_from_image,
@@ -23,9 +24,6 @@ from oracle_regression import (
 
 #: Luminances are taken from 0 to the brightest, plus the darkest.
 DARKEST, BRIGHTEST = 0.02, 1e5
-
-#: Standard deviations by which a pixel stands out that is no outlier but a light, where its variance is known.
-SIGNIFICANT = 5.0
 
 
 def relative_weight(color: np.ndarray, relative: float) -> np.ndarray:
@@ -157,16 +155,18 @@ def denoise_guided(
     color = np.asarray(color, dtype=np.float64)
     e = auto_exposure(color) if exposure is None else exposure
     c = e * color
+    names = []
     if color_variance is not None:
+        names = ["color_variance"]
         variance = e**2 * np.asarray(color_variance, dtype=np.float64)
     elif color_a is not None and color_b is not None:
+        names = ["color_a", "color_b"]
         variance = variance_from_halves(*(e * np.asarray(half, dtype=np.float64) for half in (color_a, color_b)))
     else:
         variance = variance_from_image(c)
     kept = c
     if outlier_limit is not None:
-        known = variance if color_variance is not None else None
-        kept, factor = outliers(c, outlier_limit, known, SIGNIFICANT)
+        kept, factor = outliers(c, outlier_limit, variance, significance(names))
         variance = variance * factor[..., None] ** 2
     out = box_fit(kept, variance, *feature_planes(planes, prefiltered), **options)
     if outlier_limit is not None:

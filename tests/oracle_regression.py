@@ -8,20 +8,14 @@ function does not name its channels. Windows and offsets are those of `oracle`: 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from oracle import box_mean, luminance, neighbours, offsets, pad, reflect_index, shifted
+from oracle_terms import Terms, terms_of_blocks
 
 #: Added to the sum of two variances, so that the distance of two noise-free pixels is finite.
-VARIANCE_FLOOR = 1e-8
-
-#: The columns and rows of the blocks that share their choice of features.
-BLOCK_COLUMNS, BLOCK_ROWS = 32, 8
-
-#: A feature serves a block where its variance is above this ...
-LEAST_VARIANCE = 1e-8
-
-#: ... and above this many times the variance of its own noise.
-LEAST_SIGNAL = 2.0
+VARIANCE_FLOOR = 1e-12
 
 # --- Outliers and variances -------------------------------------------------------------------------------
 
@@ -31,18 +25,24 @@ def outliers(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Scale each pixel so that its largest channel is at most `limit` times that of its 8 neighbours.
 
-    Returns the scaled image and the factor (H, W): 1 where l <= b, b = limit · max(m, 0), or where l - b is more than
-    `significant` times the square root of the sum of the channels' variances; else b / l.
+    Returns the scaled image and the factor (H, W): 1 where l <= limit · m, m the brightest neighbour or 0, or where
+    (l - m) / significant is more than the square root of the sum of the channels' variances; else limit · m / l.
     """
     color = np.asarray(color, dtype=np.float64)
     largest = color.max(axis=-1)
-    window = neighbours(largest, 1)
-    bound = limit * np.maximum(np.delete(window, 4, axis=0).max(axis=0), 0.0)
-    over = largest > bound
-    if variance is not None and np.isfinite(significant):
-        over &= ~(largest - bound > significant * np.sqrt(np.maximum(np.float64(variance).sum(axis=-1), 0.0)))
-    factor = np.where(over, bound / np.where(over, largest, 1.0), 1.0)
+    around = np.maximum(np.delete(neighbours(largest, 1), 4, axis=0).max(axis=0), 0.0)
+    deviation = 0.0 if variance is None else np.sqrt(np.maximum(np.float64(variance).sum(axis=-1), 0.0))
+    over = (largest > limit * around) & ((largest - around) / significant <= deviation)
+    factor = np.where(over, limit * around / np.where(over, largest, 1.0), 1.0)
     return factor[..., None] * color, factor
+
+
+def significance(names: Iterable[str]) -> float:
+    """`significant` of `outliers` for a frame with these planes: how much a light stands out of what surrounds it.
+
+    Only a variance from many samples tells a small light from a firefly well; two halves agree by chance now and then.
+    """
+    return 5.0 if "color_variance" in names else 50.0 if "color_a" in names else np.inf
 
 
 def variance_from_halves(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -68,7 +68,7 @@ def _channel_sum(image: np.ndarray) -> np.ndarray:
 def variance_distance(color: np.ndarray, variance: np.ndarray, dx: int, dy: int, patch_radius: int) -> np.ndarray:
     """Rousselle et al. (2012), d² between the patches around i and i + (dx, dy) less what noise explains, (H, W).
 
-    Each pixel of a patch adds (Σ_c (x - y)² - (V + min(V, U))) / (V + U + 1e-8), V and U the variances summed over
+    Each pixel of a patch adds (Σ_c (x - y)² - (V + min(V, U))) / (V + U + 1e-12), V and U the variances summed over
     the channels (a variance of one channel is that sum); mean over the patch, then at least 0. Both images are
     mirrored before, so a patch over the border reads mirrored pixels.
     """
@@ -100,17 +100,22 @@ def prefilter(
     """Non-local means of a feature on its own variance (Rousselle et al. 2013), and the variance that is left.
 
     v is the 3x3 mean of min(variance, 1); filtered = Σ w f / Σ w, its variance Σ w² v / (Σ w)², f and v those of
-    the neighbours.
+    the neighbours at (dx, dy), dx² + dy² <= search_radius².
     """
     feature = np.asarray(feature, dtype=np.float64)
     v = box_mean(np.minimum(variance, 1.0), 1)
-    distances = [variance_distance(feature, v, dx, dy, patch_radius) for dx, dy in offsets(search_radius)]
-    weights = np.maximum(0.0, 1.0 - np.stack(distances) / 4.0) ** 4
-    if feature.ndim == 3:
-        weights = weights[..., None]
-    z = weights.sum(axis=0)
-    filtered = (weights * neighbours(feature, search_radius)).sum(axis=0) / z
-    return filtered, (weights**2 * neighbours(v, search_radius)).sum(axis=0) / z**2
+    padded, padded_v = pad(feature, search_radius), pad(v, search_radius)
+    total = np.zeros((*feature.shape[:2], *[1] * (feature.ndim - 2)))
+    filtered, left = np.zeros(feature.shape), np.zeros(feature.shape)
+    for dx, dy in offsets(search_radius):
+        if dx**2 + dy**2 > search_radius**2:
+            continue
+        w = np.maximum(0.0, 1.0 - variance_distance(feature, v, dx, dy, patch_radius) / 4.0) ** 4
+        w = w.reshape(total.shape)
+        total += w
+        filtered += w * shifted(padded, search_radius, dx, dy)
+        left += w**2 * shifted(padded_v, search_radius, dx, dy)
+    return filtered / total, left / total**2
 
 
 # --- Regression -------------------------------------------------------------------------------------------
@@ -127,33 +132,24 @@ def regression_weight(
     return np.mean([np.maximum(0.0, 1.0 - d / (4.0 * k**2)) ** 4 for d in distances], axis=0)
 
 
-def terms_of_blocks(features: np.ndarray, noise: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which features carry something: (mean μ, variance s, used) of the block of every pixel, each (H, W, F).
+def disc(radius: int) -> list[tuple[int, int]]:
+    """The (dx, dy) of `offsets` with dx² + dy² <= r (r + 1): a circle half a pixel wider than its radius."""
+    return [(dx, dy) for dx, dy in offsets(radius) if dx**2 + dy**2 <= radius * (radius + 1)]
 
-    μ and s are those of the block and `reach` pixels around it in the mirrored image, a block at the right or the
-    lower border whole; n is the mean of `noise` over the pixels of the block. Used where s > 1e-8 and s > 2 n.
+
+def penalty(
+    m: np.ndarray, terms: Terms, at: np.ndarray, noise: np.ndarray, ridge: float, noise_ridge: float
+) -> np.ndarray:
+    """What is added to the components' block of M, (H, W, F, F); `at` their values at the pixel, W = M_00.
+
+    Σ_q v_kq v_lq (ridge S_q + W noise_ridge n_q), S_q = max(0, Σ_kl v_kq v_lq M_kl) what the components hold of feature
+    q's own second moment; and on the diagonal W (5e-5 (λ_k + t_k²) + 1e-9).
     """
-    features, noise = np.asarray(features, dtype=np.float64), np.asarray(noise, dtype=np.float64)
-    height, width = features.shape[:2]
-    mean, variance, left = np.empty((3, *features.shape))
-    for y0 in range(0, height, BLOCK_ROWS):
-        for x0 in range(0, width, BLOCK_COLUMNS):
-            rows = reflect_index(np.arange(y0 - reach, y0 + BLOCK_ROWS + reach), height)
-            columns = reflect_index(np.arange(x0 - reach, x0 + BLOCK_COLUMNS + reach), width)
-            region = features[rows][:, columns]
-            block = np.s_[y0 : y0 + BLOCK_ROWS, x0 : x0 + BLOCK_COLUMNS]
-            mean[block] = region.mean(axis=(0, 1))
-            variance[block] = region.var(axis=(0, 1))
-            left[block] = noise[block].mean(axis=(0, 1))
-    return mean, variance, (variance > LEAST_VARIANCE) & (variance > LEAST_SIGNAL * left)
-
-
-def ridge_fit(m: np.ndarray, r: np.ndarray, ridge: float, rho: np.ndarray) -> np.ndarray:
-    """The first row of M⁻¹ R, the fit at the pixel itself; M_aa becomes M_aa (1 + ridge) + M_00 ρ_a for a > 0."""
-    m = m.copy()
-    for a in range(1, m.shape[-1]):
-        m[..., a, a] += ridge * m[..., a, a] + m[..., 0, 0] * rho[..., a - 1]
-    return np.linalg.solve(m, r)[..., 0, :]
+    v, weight = terms.direction, m[..., :1, 0]
+    own = np.maximum(np.einsum("...kq,...kl,...lq->...q", v, m[..., 1:-2, 1:-2], v), 0.0)
+    damped = np.einsum("...kq,...q,...lq->...kl", v, ridge * own + noise_ridge * weight * noise, v)
+    least = weight * (5e-5 * (terms.variance + at**2) + 1e-9)
+    return damped + least[..., None] * np.eye(least.shape[-1])
 
 
 def first_order_regression(
@@ -170,14 +166,15 @@ def first_order_regression(
     ridge: float,
     noise_ridge: float,
     position_ridge: float,
+    terms_reach: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """NFOR (Bitterli et al. 2016): fit `color` over the window, linear in features and position, read it at i.
 
-    M = Σ w t tᵀ, R = Σ w t colorᵀ over the offsets (dx, dy) · stride, |dx|, |dy| <= S; w the `regression_weight` of
-    the guide; terms t = (1, f_j - f_i, dx / S, dy / S), features that their block does not use left out. The ridge ρ
-    is noise_ridge · v + 5e-5 (s + (f_i - μ)²) + 1e-9 for a feature of variance v, position_ridge + 1e-9 for the
-    positions.
-    Returns that fit, and the inner one: of the offsets |dx|, |dy| <= S // 2 alone, in the same terms.
+    M = Σ w t tᵀ, R = Σ w t colorᵀ over the offsets (dx, dy) · stride of the `disc` of radius S, w the
+    `regression_weight` of the guide; terms t = (1, v_k · (f_j - f_i), dx / S, dy / S), v_k the components that the
+    block uses for a reach of `terms_reach`, by default the window's. To M are added `penalty` and, for the
+    positions, ridge M_aa + M_00 (position_ridge + 1e-9); the first row of M⁻¹ R is the fit at the pixel.
+    Returns that fit, and the inner one: of the disc of radius S // 2 alone, in the same terms.
     `features` and `feature_variance` are (H, W, F), F any number; None is none. `color` has 3 columns or 4, the
     fourth a half difference: of either sign, where a colour may only be negative if the pixel itself is.
     """
@@ -187,32 +184,38 @@ def first_order_regression(
     if feature_variance is None:
         feature_variance = np.zeros(features.shape)
     reach, span = search_radius * stride, max(search_radius, 1)
-    mean, variance, used = terms_of_blocks(features, feature_variance, reach)
+    terms = terms_of_blocks(features, feature_variance, reach if terms_reach is None else terms_reach)
     padded_features, padded_color = pad(features, reach), pad(color, reach)
 
     size = 1 + features.shape[-1] + 2
     m, inner_m = np.zeros((2, height, width, size, size))
     r, inner_r = np.zeros((2, height, width, size, columns))
-    for dx, dy in offsets(search_radius):
+    for dx, dy in disc(search_radius):
         j = dx * stride, dy * stride
         w = regression_weight(color_guide, guide_variance, *j, patch_radius=patch_radius, k=k)[..., None, None]
         t = np.ones((height, width, size))
         # A term that is 0 over the window has the coefficient 0: the fit without it.
-        t[..., 1:-2] = np.where(used, shifted(padded_features, reach, *j) - features, 0.0)
+        change = shifted(padded_features, reach, *j) - features
+        t[..., 1:-2] = np.einsum("...kq,...q->...k", terms.direction, change)
         t[..., -2:] = dx / span, dy / span
         square = w * t[..., :, None] * t[..., None, :]
         product = w * t[..., :, None] * shifted(padded_color, reach, *j)[..., None, :]
         m, r = m + square, r + product
-        if max(abs(dx), abs(dy)) <= search_radius // 2:
+        if (dx, dy) in disc(search_radius // 2):
             inner_m, inner_r = inner_m + square, inner_r + product
 
-    rho = np.full((height, width, size - 1), position_ridge + 1e-9)
-    rho[..., :-2] = noise_ridge * feature_variance + 5e-5 * (variance + (features - mean) ** 2) + 1e-9
-    fits = ridge_fit(m, r, ridge, rho), ridge_fit(inner_m, inner_r, ridge, rho)
+    at = np.einsum("...kq,...q->...k", terms.direction, features - terms.mean)
+    fits = []
+    for moments, products in ((m, r), (inner_m, inner_r)):
+        more = np.zeros(moments.shape)
+        more[..., 1:-2, 1:-2] = penalty(moments, terms, at, feature_variance, ridge, noise_ridge)
+        for a in (-2, -1):
+            more[..., a, a] = ridge * moments[..., a, a] + moments[..., 0, 0] * (position_ridge + 1e-9)
+        fits.append(np.linalg.solve(moments + more, products)[..., 0, :])
     for fit in fits:
         # A fit may overshoot below 0, where light cannot be; only a pixel that is negative itself may stay so.
         fit[..., :3] = np.maximum(fit[..., :3], np.minimum(color[..., :3], 0.0))
-    return fits
+    return tuple(fits)
 
 
 def second_pass(
@@ -245,19 +248,42 @@ def wide_box_mean(image: np.ndarray, radius: int) -> np.ndarray:
     return image
 
 
+def block_mean(image: np.ndarray, side: int) -> np.ndarray:
+    """Means of the blocks of `side`² pixels, of those there are at the right and the bottom edge."""
+    height, width = image.shape[:2]
+    rows, columns = range(0, height, side), range(0, width, side)
+    return np.array([[image[y : y + side, x : x + side].mean(axis=(0, 1)) for x in columns] for y in rows])
+
+
+def between_blocks(blocks: np.ndarray, height: int, width: int, side: int) -> np.ndarray:
+    """Linear between the centres of blocks, constant beyond the outermost; the centres are those of whole blocks."""
+    for axis, n in ((0, height), (1, width)):
+        count = blocks.shape[axis]
+        at = np.clip((np.arange(n) + 0.5) / side - 0.5, 0.0, count - 1.0)
+        low = np.minimum(np.floor(at).astype(int), max(count - 2, 0))
+        part = (at - low).reshape(-1, *[1] * (blocks.ndim - 1))
+        along = np.moveaxis(blocks, axis, 0)
+        blocks = np.moveaxis((1.0 - part) * along[low] + part * along[np.minimum(low + 1, count - 1)], 0, axis)
+    return blocks
+
+
 def spread_removed(image: np.ndarray, removed: np.ndarray, radius: int) -> np.ndarray:
     """Give back the light of the outliers over a wide neighbourhood: half as it is, half in proportion to the image.
 
-    R = B³ removed, B the mean over (2r+1)²; one = image + R / 2;
-    the result is one · (1 + (mean R / 2) / max(B³ mean one, mean R, 1e-9)).
+    From a radius of 32 on, on the means of blocks of side 4, else of side 1: R = B³ removed and
+    brightness = B³ mean(image + R / 2), B the mean over (2r+1)² blocks, r the radius over the side, rounded; both
+    linear between blocks. The result is (image + R / 2) (1 + (mean R / 2) / max(brightness, mean R, 1e-9)).
     """
+    side = 4 if radius >= 32 else 1
+    height, width = image.shape[:2]
 
-    def spread(plane: np.ndarray) -> np.ndarray:
-        return wide_box_mean(wide_box_mean(wide_box_mean(plane, radius), radius), radius)
+    def spread(blocks: np.ndarray) -> np.ndarray:
+        r = round(radius / side)
+        return wide_box_mean(wide_box_mean(wide_box_mean(blocks, r), r), r)
 
-    light = spread(removed)
-    one = image + light / 2.0
-    level = spread(one.mean(axis=-1))
+    light = spread(block_mean(np.float64(removed), side))
+    level = spread(block_mean(np.float64(image).mean(axis=-1), side) + light.mean(axis=-1) / 2.0)
+    light, level = (between_blocks(blocks, height, width, side) for blocks in (light, level))
     share = light.mean(axis=-1)
     gain = 1.0 + share / 2.0 / np.maximum(np.maximum(level, share), 1e-9)
-    return one * gain[..., None]
+    return (image + light / 2.0) * gain[..., None]

@@ -7,13 +7,18 @@ import numpy as np
 import oracle
 import oracle_auto
 import oracle_choice as theory
+import pyopencl as cl
 import pytest
 from test_regression import FULL, SIZES, full_scene
+from test_render import CAMERA, WORLD
 from test_stages import close
 from transfer import to_array, to_planes
 
 from mcdenoise_cl import Denoiser, Frame, denoise
+from mcdenoise_cl.device import context_for
+from mcdenoise_cl.engine import Engine
 from mcdenoise_cl.methods import auto, get_method
+from mcdenoise_cl.render import render
 from mcdenoise_cl.stages import choice, halves
 from mcdenoise_cl.stages.box import box_mean
 from mcdenoise_cl.stages.luminance import luminance_around, smooth_variance
@@ -26,7 +31,12 @@ def options_of(**changed):
     options = asdict(get_method("auto").make()) | changed
     if not options.pop("outliers"):
         options["outlier_limit"] = None
-    return options | {"limit": auto.LIMIT, "keep": auto.KEEP, "smoothing_radius": choice.SMOOTHING_RADIUS}
+    return options | {
+        "limit": auto.LIMIT,
+        "keep": auto.KEEP,
+        "likely": auto.LIKELY,
+        "smoothing_radius": choice.SMOOTHING_RADIUS,
+    }
 
 
 def frame_like(image, seed):
@@ -122,6 +132,17 @@ def test_whole_method(height, width, names):
     assert result.model_map.shape == (height, width) and result.model_map.max() < len(result.candidates)
 
 
+@pytest.mark.parametrize("names", [("color_variance",), ("color_a", "color_b"), ()], ids=["variance", "halves", "none"])
+def test_only_noise_that_is_known_holds_the_result_to_the_input(device, names):
+    """An estimate from the image would take a texture for noise, and a smooth place for one without."""
+    profiling = cl.command_queue_properties.PROFILING_ENABLE
+    engine = Engine(cl.CommandQueue(context_for(device), device, properties=profiling))
+    scene = full_scene(13, 17)
+    planes = {name: to_planes(engine, scene[name]) for name in ("color", *names)}
+    auto.run(engine, planes, get_method("auto").make(**WINDOW))
+    assert ("plausible" in engine.stage_times()) == bool(names)
+
+
 def test_auto_is_what_happens_without_a_method():
     scene = full_scene(24, 40)
     np.testing.assert_array_equal(denoise(scene["color"]), denoise(scene["color"], method="auto"))
@@ -146,26 +167,85 @@ def test_the_mix_is_better_than_the_regression_alone():
     assert error("auto") < error("regression")
 
 
-def converged(noise=1e-4):
-    truth = inputs.features(64, 96, noise=0.0)
-    rng = np.random.default_rng(1)
-    sigma = noise * truth["color"]
-    frame = Frame(
-        color=(truth["color"] + sigma * rng.standard_normal(sigma.shape)).astype(np.float32),
-        color_variance=sigma**2,
-        **{name: truth[name] for name in ("albedo", "normal", "depth")},
-    )
-    return frame, truth["color"]
+def with_noise(truth, noise, known, seed=1):
+    """The truth with noise of this part of each pixel's value, and what is known of that: a variance, or two halves."""
+    rng = np.random.default_rng(seed)
+    sigma = noise * truth
+    if known == "variance":
+        color = (truth + sigma * rng.standard_normal(truth.shape)).astype(np.float32)
+        return {"color": color, "color_variance": sigma**2}
+    a, b = (truth + np.sqrt(2) * sigma * rng.standard_normal((2, *truth.shape))).astype(np.float32)
+    return {"color": (a + b) / 2, "color_a": a, "color_b": b}
 
 
+@pytest.mark.parametrize("known", ["variance", "halves"])
 @pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3])
-def test_no_harm_to_a_converged_frame(noise):
-    frame, truth = converged(noise)
+def test_no_harm_to_a_converged_frame(noise, known):
+    scene = inputs.features(64, 96, noise=0.0)
+    truth = scene["color"]
+    frame = Frame(**scene | with_noise(truth, noise, known))
 
     def error(image):
         return np.mean((image.astype(np.float64) - truth) ** 2 / (truth.astype(np.float64) ** 2 + 0.01))
 
     assert error(denoise(frame)) <= error(frame.color) + 1e-11
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_noise_that_is_exactly_known_is_not_kept(seed):
+    """The same everywhere: what a result differs by from its input is noise, and no reason to doubt the result."""
+    scene = inputs.features(96, 128, noise=0.0)
+    truth, rng = scene["color"], np.random.default_rng(seed)
+    sigma = 0.01 * truth.mean()
+    scene["color"] = (truth + sigma * rng.standard_normal(truth.shape)).astype(np.float32)
+    result = denoise(Frame(**scene, color_variance=np.full_like(truth, sigma**2)), details=True)
+    assert result.report.shares["input"] < 0.02
+    assert np.mean((result.image - truth) ** 2) < 0.5 * sigma**2
+
+
+@pytest.fixture(scope="module")
+def rendering(tmp_path_factory):
+    """Of 256 samples, to be taken as truth: its own noise is a texture that no feature shows."""
+    path = tmp_path_factory.mktemp("scene") / "still.xml"
+    path.write_text(f'<scene version="3.0.0">{CAMERA + WORLD}</scene>')
+    return render(path, spp=256, width=64, variant="scalar_rgb")
+
+
+@pytest.mark.parametrize(("noise", "most"), [(1e-4, 1.005), (1e-3, 1.03)])
+def test_no_harm_to_a_converged_rendering(rendering, noise, most):
+    """The error of the input is the square of the noise: a few wrong fits in the dark would add a quarter to 1e-3."""
+    truth = rendering.color.astype(np.float64)
+    features = {name: plane for name, plane in rendering.planes().items() if not name.startswith("color")}
+
+    def error(image):
+        return np.mean((image - truth) ** 2 / (truth**2 + 1e-4 * truth.mean() ** 2))
+
+    frames = [Frame(**features, **with_noise(rendering.color, noise, "variance", seed)) for seed in range(3)]
+    assert sum(error(denoise(frame)) for frame in frames) <= most * sum(error(frame.color) for frame in frames)
+
+
+def texture():
+    return 0.3 + 0.2 * inputs.planes("textured", 64, 96, 3)
+
+
+def test_a_bright_texel_that_both_halves_have_is_no_outlier():
+    truth = texture()
+    truth[30, 40] *= 3.0
+    out = denoise(Frame(**with_noise(truth, 1e-4, "halves")))
+    np.testing.assert_allclose(out[30, 40], truth[30, 40], rtol=0.01)
+
+
+@pytest.mark.parametrize("noise", [1e-4, 0.1])
+def test_a_firefly_in_one_half_goes(noise):
+    truth = texture()
+    halves = with_noise(truth, noise, "halves")
+    halves["color_a"][30, 40] *= 1e3
+    halves["color"] = (halves["color_a"] + halves["color_b"]) / 2
+    out = denoise(Frame(**halves))
+    assert halves["color"][30, 40].min() > 100.0
+    np.testing.assert_allclose(out[30, 40], truth[30, 40], rtol=0.1)
+    # Its light is spread; half as much again is the most that any pixel gets in proportion.
+    assert (out < 1.6 * truth).all()
 
 
 def test_the_estimated_error_tells_a_good_result_from_a_bad_one():

@@ -54,7 +54,7 @@ def speed_figures():
 
 def test_every_method_is_an_entry_and_every_entry_can_be_made():
     entries = bench("entries")
-    assert {arguments["method"] for arguments in entries.ENTRIES.values()} == {method.name for method in methods()}
+    assert {entries.method_of(name) for name in entries.ENTRIES} == {method.name for method in methods()}
     for one in entries.chosen_entries(list(entries.ENTRIES)):
         Denoiser(8, 8, **one.arguments)
 

@@ -71,6 +71,18 @@ def test_box_fit_of_other_windows(engine, block, radius, residual_radius, relati
     close(out, expected, tolerance=1e-4)
 
 
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 9), (3, 2), (9, 40), (41, 3), (24, 40)])
+@pytest.mark.parametrize(("block", "radius"), [(2, 0), (2, 1), (2, 5), (2, 8), (1, 5), (8, 8)])
+def test_windows_wider_than_the_image(engine, height, width, block, radius):
+    """Up to 17 blocks wide: they are joined from pairs, and mirrored several times where the image has few."""
+    scene = full_scene(height, width)
+    features, noise = guides(scene, ("normal", "depth"))
+    options = {"block": block, "radius": radius, "residual_radius": 1, "relative": 2.0, **RIDGES}
+    given = scene["color"], scene["color_variance"], features, noise
+    out = fit(engine, *given, **options, residual_noise=1.0)
+    close(out, theory.box_fit(*given, **options, residual_noise=1.0), tolerance=1e-4)
+
+
 def test_without_features_it_is_a_weighted_mean(engine):
     """Of all pixels of a window, and of the windows around; here over one block alone."""
     color = inputs.planes("uniform", 24, 40, 3)

@@ -8,9 +8,10 @@ import sys
 import pyopencl as cl
 import pytest
 
-from mcdenoise_cl import DeviceError, choose
+from mcdenoise_cl import DeviceError, choose, measured
 from mcdenoise_cl.choose import pick_device
-from mcdenoise_cl.device import DeviceInfo, list_devices, shape_for
+from mcdenoise_cl.device import SCHEDULES, DeviceInfo, context_for, list_devices, shape_for
+from mcdenoise_cl.engine import Engine
 
 
 def fake(index, kind, name="chip", runtime="runtime"):
@@ -53,7 +54,7 @@ def test_gpu_comes_first(monkeypatch):
 def test_fastest_cpu_runtime_is_measured_once(monkeypatch, tmp_path):
     devices = [fake(0, "CPU", runtime="slow"), fake(1, "CPU", runtime="fast"), fake(2, "accelerator")]
     monkeypatch.setattr(choose, "list_devices", lambda: devices)
-    monkeypatch.setattr(choose.platformdirs, "user_cache_dir", lambda _: str(tmp_path / "cache"))
+    monkeypatch.setattr(measured, "folder", lambda: tmp_path / "cache")
     calls = []
     seconds = {"slow": 2.0, "fast": 1.0}
     by_device = iter(devices * 3)
@@ -85,6 +86,20 @@ def test_shape_suits_the_device(device):
         assert columns % shape.width == 0 and columns <= 64 and rows <= 16
     if device.type & cl.device_type.CPU:
         assert shape.width > 1
+
+
+def test_schedule_follows_the_device_or_the_environment(device, monkeypatch):
+    monkeypatch.delenv("MCDENOISE_SCHEDULE", raising=False)
+    assert shape_for(device).schedule == ("tile" if device.type & cl.device_type.CPU else "group")
+    for schedule in SCHEDULES:
+        monkeypatch.setenv("MCDENOISE_SCHEDULE", schedule)
+        assert shape_for(device).schedule == schedule
+    assert shape_for(device).width == 1  # group, the last
+    monkeypatch.setenv("MCDENOISE_SCHEDULE", "shortest")
+    with pytest.raises(DeviceError, match="MCDENOISE_SCHEDULE is 'shortest': set it to tile or group"):
+        shape_for(device)
+    with pytest.raises(DeviceError, match="MCDENOISE_SCHEDULE"):
+        Engine(cl.CommandQueue(context_for(device), device))
 
 
 def test_without_a_runtime_the_error_says_what_to_install(tmp_path):

@@ -30,6 +30,7 @@ FIRST = {"search_radius": 7, "patch_radius": 2, "bandwidth": 0.72}
 FIRST |= {"ridge": 0.02, "noise_ridge": 5.0, "position_ridge": 0.1}
 WIDE = {"wide_radius": 3, "wide_stride": 3, "wide_bandwidth": 1.8}
 CHOICE = {"tracking": 0.01, "doubt": 0.42, "caution": 0.1, "keep": 0.05, "limit": 1.0, "smoothing_radius": 4}
+CHOICE |= {"likely": 3.0}
 AUTO = FIRST | WIDE | CHOICE
 
 
@@ -108,7 +109,7 @@ def test_regression_matches_the_loops(noise, limit):
     if noise == "all":
         parts[2] = (parts[2][0], (variances["depth"] * scale**2 / (z + scale) ** 4)[..., None])
     denoised = ora.denoise_regression(color, scene | given, **SMALL, outlier_limit=limit, spread_radius=3)
-    significant = 5.0 if noise in ("given", "all") else np.inf
+    significant = {"image": np.inf, "halves": 50.0}.get(noise, 5.0)
     assert_close(denoised, loop_denoise(color, e, variance, parts, limit, significant, 3, **SMALL), 1e-8)
 
 
@@ -130,7 +131,7 @@ def test_regression_keeps_a_constant_and_follows_the_exposure():
     assert np.array_equal(set_by_hand, one)
     defaults = {"outlier_limit": 1.1, "spread_radius": 50, "exposure": None}
     assert np.array_equal(ora.denoise_regression(color, scene, **SMALL, **defaults), one)
-    # The image's own noise sets the distances, so that the exposure acts only beside the constant 1e-8.
+    # The image's own noise sets the distances, so that the exposure acts only beside the constant 1e-12.
     other = ora.denoise_regression(color, scene, **SMALL, exposure=1e-4)
     assert np.abs(other - one).max() > 1e-3
 
@@ -267,12 +268,15 @@ def test_auto_is_the_mix_of_its_candidates(limit):
     f = ora.prepare(color, given, limit, None)
     noisy = np.concatenate([f.color, ora.half_difference(f, given)[..., None]], axis=-1)
     ridges = {name: AUTO[name] for name in ("ridge", "noise_ridge", "position_ridge")}
-    first, narrow = oracle_regression.first_order_regression(
-        f.color, f.variance, f.features, f.noise, noisy, search_radius=4, patch_radius=2, k=0.72, **ridges
+    window = {"search_radius": 4, "patch_radius": 2, "k": 0.72}
+    (first, narrow), (own_terms, _) = (
+        oracle_regression.first_order_regression(
+            f.color, f.variance, f.features, f.noise, noisy, **window, **ridges, terms_reach=reach
+        )
+        for reach in (9, 4)  # what the wider of both passes sees, three steps of three pixels; and the first alone
     )
-    wide = oracle_regression.second_pass(
-        first, f.features, f.noise, search_radius=3, patch_radius=1, stride=3, k=1.8, **ridges
-    )
+    window = {"search_radius": 3, "patch_radius": 1, "stride": 3, "k": 1.8}
+    wide = oracle_regression.second_pass(first, f.features, f.noise, **window, **ridges, terms_reach=9)
     own, *filtered = shares
     mix = sum(s[..., None] * part[..., :3] for s, part in zip(filtered, (narrow, first, wide), strict=True))
     # The light of the outliers is given to what is filtered; the input has it where it was. No part is all input.
@@ -286,7 +290,8 @@ def test_auto_is_the_mix_of_its_candidates(limit):
     assert (shares[1:].max(axis=(1, 2)) > (0.05, 0.3, 0.3)).all()
     regression = {name: options[name] for name in (*FIRST, "outlier_limit", "spread_radius")}
     alone = ora.denoise_regression(color, given, **regression)
-    only = oracle_regression.spread_removed(first[..., :3], f.removed, 6) if limit else first[..., :3]
+    assert not np.allclose(own_terms, first, rtol=1e-3)
+    only = oracle_regression.spread_removed(own_terms[..., :3], f.removed, 6) if limit else own_terms[..., :3]
     assert_close(alone, only / f.exposure, 1e-12)
 
 
@@ -295,14 +300,17 @@ def test_auto_gives_a_noise_free_frame_back():
     options = AUTO | {"search_radius": 4}
     none = {"color_variance": np.zeros(truth.shape)}
     halves = {"color_a": truth, "color_b": truth}
-    for given, limit in ((none, None), (scene | none, 1.0), (scene | halves, None)):
+    for given, limit in ((none, None), (scene | none, 1.0), (scene | halves, 1.0), (halves, None)):
         image, shares, error = ora.denoise_auto(truth, given, **options, outlier_limit=limit)
         check(truth, (image, shares, error))
         np.testing.assert_allclose(image, truth, atol=1e-3)
         assert error.max() < 1e-6
-    # Two halves say too little of one pixel: its highlight goes with the outliers, and nothing else.
-    image, _, _ = ora.denoise_auto(truth, halves, **options, outlier_limit=1.0)
-    assert_close(image, oracle_regression.outliers(truth)[0], 1e-3)
+    # Where nothing tells a light from a firefly, the highlights of one pixel go with the outliers.
+    peaks = {True: [], False: []}
+    for given in (none, halves, {}):
+        kept = ora.prepare(truth, given, 1.0, 1.0).color
+        peaks[bool(given)].append(np.array_equal(kept, truth))
+    assert peaks == {True: [True, True], False: [False]}
 
 
 def test_auto_keeps_the_input_where_filters_destroy_it():

@@ -10,6 +10,7 @@ import scipy.ndimage
 import scipy.stats
 from inputs import KINDS, SIZES, features, planes
 from test_oracle import assert_close
+from test_oracle_terms import at, loop_terms
 
 #: (height, width) for loops over pixels: one pixel, one row, one column, smaller than a window, and one of odd size.
 SMALL = ((1, 1), (1, 9), (7, 1), (3, 2), (6, 7))
@@ -19,17 +20,6 @@ WINDOWS = {"search_radius": 2, "patch_radius": 1, "k": 0.8}
 
 
 # --- Another way ------------------------------------------------------------------------------------------
-
-
-def mirror(i: int, n: int) -> int:
-    """Walk back and forth between the first and the last pixel until `i` is inside."""
-    while n > 1 and not 0 <= i < n:
-        i = -i if i < 0 else 2 * (n - 1) - i
-    return i if n > 1 else 0
-
-
-def at(image: np.ndarray, y: int, x: int) -> np.ndarray:
-    return np.float64(image[mirror(y, image.shape[0]), mirror(x, image.shape[1])])
 
 
 def window(radius: int) -> list[tuple[int, int]]:
@@ -47,11 +37,11 @@ def loop_outliers(color, limit: float, variance=None, significant: float = np.in
     scaled, factor = color.astype(np.float64), np.ones(color.shape[:2])
     for y, x in np.ndindex(factor.shape):
         around = [max(at(color, y + dy, x + dx)) for dy, dx in window(1) if (dy, dx) != (0, 0)]
-        largest, bound = float(max(color[y, x])), limit * max(*around, 0.0)
+        largest, brightest = float(max(color[y, x])), max(*around, 0.0)
         # Without noise nothing is by chance, unless nothing is ever significant.
         sigmas = significant * np.sqrt(sum(variance[y, x])) if np.isfinite(significant) else np.inf
-        if bound < largest <= bound + sigmas:
-            factor[y, x] = bound / largest
+        if limit * brightest < largest <= brightest + sigmas:
+            factor[y, x] = limit * brightest / largest
             scaled[y, x] *= factor[y, x]
     return scaled, factor
 
@@ -71,15 +61,16 @@ def loop_distance(color, variance, y: int, x: int, dy: int, dx: int, patch_radiu
     for py, px in window(patch_radius):
         first, second = at(color, y + py, x + px), at(color, y + py + dy, x + px + dx)
         v, u = np.sum(at(variance, y + py, x + px)), np.sum(at(variance, y + py + dy, x + px + dx))
-        total += (np.sum((first - second) ** 2) - (v + min(v, u))) / (v + u + 1e-8)
+        total += (np.sum((first - second) ** 2) - (v + min(v, u))) / (v + u + 1e-12)
     return max(total / (2 * patch_radius + 1) ** 2, 0.0)
 
 
 def loop_prefilter(feature, variance, search_radius: int, patch_radius: int) -> tuple[np.ndarray, np.ndarray]:
     v = loop_mean(np.minimum(np.float64(variance), 1.0), 1)
     filtered, left = np.zeros(feature.shape), np.zeros(feature.shape)
+    disc = [(dy, dx) for dy, dx in window(search_radius) if np.hypot(dy, dx) < search_radius + 1e-9]
     for y, x in np.ndindex(feature.shape[:2]):
-        distances = {o: loop_distance(feature, v, y, x, *o, patch_radius) for o in window(search_radius)}
+        distances = {o: loop_distance(feature, v, y, x, *o, patch_radius) for o in disc}
         w = {o: max(0.0, 1.0 - d / 4.0) ** 4 for o, d in distances.items()}
         total = sum(w.values())
         filtered[y, x] = sum(w[dy, dx] / total * at(feature, y + dy, x + dx) for dy, dx in w)
@@ -87,33 +78,24 @@ def loop_prefilter(feature, variance, search_radius: int, patch_radius: int) -> 
     return filtered, left
 
 
-def loop_terms(plane, noise, y: int, x: int, reach: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, variance and use of the features in the block of one pixel."""
-    rows, columns = range(y - y % 8, y - y % 8 + 8), range(x - x % 32, x - x % 32 + 32)
-    around = [
-        at(plane, j, i)
-        for j in range(rows.start - reach, rows.stop + reach)
-        for i in range(columns.start - reach, columns.stop + reach)
-    ]
-    inside = [noise[j, i] for j, i in np.ndindex(noise.shape[:2]) if j in rows and i in columns]
-    mean, variance = np.mean(around, axis=0), np.var(around, axis=0)
-    return mean, variance, (variance > 1e-8) & (variance > 2.0 * np.mean(inside, axis=0))
-
-
 def loop_weight(guide, variance, y: int, x: int, dy: int, dx: int, patch_radius: int, k: float) -> float:
     distances = (loop_distance(guide, variance, y, x, dy, dx, r) for r in (patch_radius, patch_radius // 2))
     return sum(max(0.0, 1.0 - d / (4.0 * k * k)) ** 4 for d in distances) / 2.0
 
 
-def ridge_least_squares(rows, targets, weights, ridge, per_weight) -> np.ndarray:
-    """The constant term of a weighted least-squares problem, the ridges among its rows."""
-    second = weights @ rows[:, 1:] ** 2
-    penalty = np.diag(np.sqrt(ridge * second + weights.sum() * per_weight))
-    left = np.vstack([np.sqrt(weights)[:, None] * rows, np.hstack([np.zeros((len(second), 1)), penalty])])
-    right = np.vstack([np.sqrt(weights)[:, None] * targets, np.zeros((len(second), targets.shape[1]))])
+def ridge_least_squares(rows, targets, weights, penalties) -> np.ndarray:
+    """The constant term of a weighted least-squares problem; penalties: rows beside it, of the other terms."""
+    more = np.hstack([np.zeros((len(penalties), 1)), penalties])
+    left = np.vstack([np.sqrt(weights)[:, None] * rows, more])
+    right = np.vstack([np.sqrt(weights)[:, None] * targets, np.zeros((len(more), targets.shape[1]))])
     # Columns of unit length, so that no cut-off of small singular values takes a term away.
     length = np.linalg.norm(left, axis=0)
     return np.linalg.lstsq(left / length, right, rcond=None)[0][0] / length[0]
+
+
+def loop_window(radius: int) -> list[tuple[int, int]]:
+    """A disc half a pixel wider than its radius; no offset is so near to its edge that a quarter pixel matters."""
+    return [(dy, dx) for dy, dx in window(radius) if np.hypot(dy, dx) <= np.sqrt((radius + 0.5) ** 2 - 0.2)]
 
 
 def loop_regression(
@@ -130,26 +112,37 @@ def loop_regression(
     noise_ridge,
     position_ridge,
     stride=1,
+    terms_reach=None,
 ) -> np.ndarray:
-    """Both fits, the whole and the inner one, of least squares over the features that are used."""
+    """Both fits, the whole and the inner one, of least squares over the components that are used."""
     out = np.zeros((2, *color.shape))
     span = max(search_radius, 1)
-    taps = window(search_radius)
-    inner = np.array([max(abs(dy), abs(dx)) <= search_radius // 2 for dy, dx in taps])
+    taps = loop_window(search_radius)
+    inner = np.array([tap in loop_window(search_radius // 2) for tap in taps])
     steps = [(dy * stride, dx * stride) for dy, dx in taps]
     blocks = {}
     for y, x in np.ndindex(color.shape[:2]):
         if (y // 8, x // 32) not in blocks:
-            blocks[y // 8, x // 32] = loop_terms(plane, noise, y, x, search_radius * stride)
-        mean, spread, used = blocks[y // 8, x // 32]
-        own = noise_ridge * noise[y, x] + 5e-5 * (spread + (plane[y, x] - mean) ** 2) + 1e-9
-        per_weight = np.array([*own[used], position_ridge + 1e-9, position_ridge + 1e-9])
-        changes = [(at(plane, y + dy, x + dx) - plane[y, x])[used] for dy, dx in steps]
-        rows = np.array([[1.0, *f, dx / span, dy / span] for f, (dy, dx) in zip(changes, taps, strict=True)])
+            reach = search_radius * stride if terms_reach is None else terms_reach
+            blocks[y // 8, x // 32] = loop_terms(plane, noise, y, x, reach)
+        terms = blocks[y // 8, x // 32]
+        v, count = terms.direction, len(terms.variance)
+        changes = np.array([v @ (at(plane, y + dy, x + dx) - plane[y, x]) for dy, dx in steps])
+        here = v @ (plane[y, x] - terms.mean)
+        rows = np.array([[1.0, *t, dx / span, dy / span] for t, (dy, dx) in zip(changes, taps, strict=True)])
         targets = np.array([at(color, y + dy, x + dx) for dy, dx in steps])
         weights = np.array([loop_weight(guide, variance, y, x, *step, patch_radius, k) for step in steps])
         for fit, part in zip(out, (slice(None), inner), strict=True):
-            fit[y, x] = ridge_least_squares(rows[part], targets[part], weights[part], ridge, per_weight)
+            w, penalties = weights[part], np.zeros((0, count + 2))
+            # A change of a feature along the components costs what the feature's own moment and noise say.
+            for q, along in enumerate(v.T):
+                cost = ridge * (w @ (changes[part] @ along) ** 2) + noise_ridge * w.sum() * noise[y, x, q]
+                penalties = np.vstack([penalties, [*(np.sqrt(cost) * along), 0.0, 0.0]])
+            least = [5e-5 * (s + t**2) + 1e-9 for s, t in zip(terms.variance, here, strict=True)]
+            per_weight = np.array([*least, *[position_ridge + 1e-9] * 2])
+            own = w @ rows[part][:, 1:] ** 2 * [*[0.0] * count, ridge, ridge]
+            penalties = np.vstack([penalties, np.diag(np.sqrt(own + w.sum() * per_weight))])
+            fit[y, x] = ridge_least_squares(rows[part], targets[part], w, penalties)
             for c in range(3):  # no light below 0 but where the pixel itself is
                 fit[y, x, c] = max(fit[y, x, c], min(color[y, x, c], 0.0))
     return out
@@ -172,16 +165,39 @@ def test_outliers_match_a_loop(kind, size, limit):
 
 
 @pytest.mark.parametrize("significant", [0.5, 2.0, np.inf])
+@pytest.mark.parametrize("limit", [1.0, 1.5])
 @pytest.mark.parametrize("size", SMALL)
-def test_outliers_of_significance_stay(size, significant):
+def test_outliers_of_significance_stay(size, limit, significant):
     color, variance = (np.float64(planes("hdr", *size, 3, seed=s)) for s in (0, 1))
     variance[0] = 0.0
-    scaled, factor = ora.outliers(color, 1.0, variance, significant)
-    expected, expected_factor = loop_outliers(color, 1.0, variance, significant)
+    scaled, factor = ora.outliers(color, limit, variance, significant)
+    expected, expected_factor = loop_outliers(color, limit, variance, significant)
     assert_close(scaled, expected, 1e-12)
     assert_close(factor, expected_factor, 1e-12)
     if significant == np.inf:
-        assert np.array_equal(scaled, ora.outliers(color)[0])
+        assert np.array_equal(scaled, ora.outliers(color, limit)[0])
+
+
+def test_significance_counts_from_the_brightest_neighbour():
+    """A pixel of 2 beside 1 and a deviation of 0.3 stands out by 3.3 of them, whatever the limit below 2 is."""
+    color = np.ones((3, 3, 3))
+    color[1, 1, 2] = 2.0
+    variance = np.full((3, 3, 3), 0.3**2 / 3.0)
+    for limit in (1.0, 1.9):
+        assert ora.outliers(color, limit, variance, 3.2)[1][1, 1] == 1.0
+        assert ora.outliers(color, limit, variance, 3.4)[1][1, 1] == limit / 2.0
+    assert ora.outliers(color, 2.0, variance, 3.4)[1][1, 1] == 1.0
+
+
+def test_significance_follows_what_is_known_of_the_noise():
+    both = ("color_variance", "color_a", "color_b")
+    assert [ora.significance(names) for names in (both, both[:1], both[1:], ("albedo",), ())] == [
+        5.0,
+        5.0,
+        50.0,
+        np.inf,
+        np.inf,
+    ]
 
 
 def test_outliers_touch_only_what_exceeds_every_neighbour():
@@ -360,7 +376,7 @@ def test_prefilter_defaults_and_cap():
 def test_prefilter_of_a_constant_takes_the_mean_of_all():
     filtered, left = ora.prefilter(np.full((9, 9, 3), 0.4), np.full((9, 9, 3), 0.01))
     np.testing.assert_allclose(filtered, 0.4, rtol=1e-12)
-    np.testing.assert_allclose(left, 0.01 / 25.0, rtol=1e-12)
+    np.testing.assert_allclose(left, 0.01 / 13.0, rtol=1e-12)
 
 
 def test_prefilter_leaves_a_clean_feature_alone():
@@ -381,53 +397,6 @@ def test_prefilter_removes_noise_and_keeps_an_edge():
     # The weights follow the noise, so the variance that is left is a little below the error.
     assert 0.3 < left.mean() / error < 1.5
     assert np.abs(filtered - clean).max() < 0.2
-
-
-# --- Which features serve ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("size", [*SMALL, (9, 40)])
-@pytest.mark.parametrize("reach", [0, 2, 9])
-def test_terms_of_blocks_match_a_loop(size, reach):
-    plane = np.concatenate([planes(kind, *size, 1) for kind in ("uniform", "constant", "textured")], axis=-1)
-    noise = 0.06 * np.float64(planes("uniform", *size, 3, seed=1)) ** 2
-    terms = ora.terms_of_blocks(plane, noise, reach)
-    for y in range(0, size[0], 3):
-        for x in range(0, size[1], 5):
-            for image, expected in zip(terms, loop_terms(plane, noise, y, x, reach), strict=True):
-                np.testing.assert_allclose(image[y, x], expected, atol=1e-12)
-
-
-def test_a_feature_that_is_constant_or_its_own_noise_serves_no_block():
-    rng = np.random.default_rng(0)
-    ramp = np.arange(64.0) / 64.0 * np.ones((32, 1))
-    white = rng.normal(0.0, 0.1, (32, 64))
-    plane = np.stack([np.full((32, 64), 0.1), white, white, ramp, ramp + white], axis=-1)
-    noise = np.broadcast_to([0.0, 0.1**2, 0.1**2 / 3.0, 0.0, 0.0], plane.shape)
-    mean, _, used = ora.terms_of_blocks(plane, noise, 0)
-    assert not used[..., :2].any() and used[..., 2:].all()
-    np.testing.assert_allclose(mean[0, [0, 31, 32, 63], 3], (0.2422, 0.2422, 0.7422, 0.7422), atol=1e-4)
-
-
-def test_a_feature_serves_the_blocks_that_its_change_is_within_reach_of():
-    plane = np.zeros((16, 100, 1))
-    plane[:, 34:] = 1.0
-    clean = np.zeros(plane.shape)
-    used = ora.terms_of_blocks(plane, clean, 2)[2]
-    assert not used[:, :32].any() and used[:, 32:64].all() and not used[:, 64:].any()
-    assert ora.terms_of_blocks(plane, clean, 3)[2][0, :64].all()
-    plane[:] = 0.0
-    plane[10:] = 1.0
-    used = ora.terms_of_blocks(plane, clean, 2)[2]
-    assert not used[:8].any() and used[8:].all()
-    assert ora.terms_of_blocks(plane, clean, 3)[2].all()
-    # A last block of few pixels is filled with mirrored ones, here zeros.
-    plane = np.zeros((8, 33, 1))
-    plane[:, 32] = 1.0
-    mean, variance, used = ora.terms_of_blocks(plane, np.zeros(plane.shape), 0)
-    np.testing.assert_allclose(mean[0, [0, 32], 0], (0.0, 1.0 / 32.0))
-    np.testing.assert_allclose(variance[0, [0, 32], 0], (0.0, 31.0 / 32.0**2))
-    assert not used[:, :32].any() and used[:, 32].all()
 
 
 # --- Regression -------------------------------------------------------------------------------------------
@@ -498,8 +467,37 @@ def test_regression_reproduces_a_ramp_in_a_feature_and_averages_without_it(strid
     # With noise enough the ramp is not used, and at the border the mean leans inward.
     fitted, inner = ora.first_order_regression(*alike, ramp, 1.0 + ramp, color, **options)
     for fit, radius in ((fitted, 4), (inner, 2)):
-        away = np.abs(np.arange(-radius, radius + 1)).mean() * stride
+        away = np.mean([abs(dx) for dx, _ in ora.disc(radius)]) * stride
         np.testing.assert_allclose((color - fit)[:, 0], 2.0 * away / 40.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("radius", "count"), [(0, 1), (1, 9), (2, 21), (3, 37), (6, 137), (7, 177)])
+def test_the_window_is_a_disc(radius, count):
+    assert len(ora.disc(radius)) == len(set(ora.disc(radius))) == count
+    assert sorted((dy, dx) for dx, dy in ora.disc(radius)) == loop_window(radius)
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_a_pixel_counts_in_the_disc_and_not_just_outside(stride):
+    """Radius 4 holds (4, 2) and not (3, 4) nor (4, 4), its middle of radius 2 (1, 2) and not (2, 2)."""
+    size = (8 * stride + 1, 8 * stride + 1)
+    alike = np.zeros((*size, 3)), np.ones((*size, 3))
+    options = {"search_radius": 4, "patch_radius": 0, "k": 1.0, "stride": stride} | RIDGES
+    for (dx, dy), whole, inner in (
+        ((4, 2), True, False),
+        ((4, 3), False, False),
+        ((-3, 4), False, False),
+        ((4, 4), False, False),
+        ((3, 3), True, False),
+        ((1, 2), True, True),
+        ((2, 2), True, False),
+        ((2, 0), True, True),
+    ):
+        color = np.ones((*size, 3))
+        color[(4 + dy) * stride, (4 + dx) * stride] = 100.0
+        fits = ora.first_order_regression(*alike, None, None, color, **options)
+        for fit, seen in zip(fits, (whole, inner), strict=True):
+            assert (abs(fit[4 * stride, 4 * stride, 0] - 1.0) > 0.1) == seen
 
 
 def test_regression_reproduces_a_constant_under_any_ridge():
@@ -516,7 +514,8 @@ def test_great_ridges_leave_non_local_means():
     fits = ora.first_order_regression(color, variance, plane, np.full(plane.shape, 0.01), color, **options)
     for fitted, radius in zip(fits, (2, 1), strict=True):
         weights = [
-            ora.regression_weight(color, variance, dx, dy, patch_radius=1, k=0.8) for dx, dy in oracle.offsets(radius)
+            ora.regression_weight(color, variance, dx, dy, patch_radius=1, k=0.8) * ((dx, dy) in ora.disc(radius))
+            for dx, dy in oracle.offsets(radius)
         ]
         np.testing.assert_allclose(fitted, oracle.weighted_mean(color, np.stack(weights), radius), atol=1e-7)
 
@@ -666,6 +665,45 @@ def test_spread_removed_matches_loops(size, radius):
         gain = 1.0 + 0.5 * np.mean(light[y, x]) / max(level[y, x], np.mean(light[y, x]), 1e-9)
         expected[y, x] = (image[y, x] + 0.5 * light[y, x]) * gain
     assert_close(ora.spread_removed(image, removed, radius), expected, 1e-12)
+
+
+@pytest.mark.parametrize("size", [*SMALL, (13, 17), (21, 24)])
+@pytest.mark.parametrize("radius", [32, 50])
+def test_a_wide_blur_works_on_blocks_of_four(size, radius):
+    """50 / 4 rounds to 12. Interpolation as SciPy has it, between the centres of blocks."""
+    image, removed = np.float64(planes("uniform", *size, 3)), np.float64(planes("hdr", *size, 3))
+    high, wide = -(-size[0] // 4), -(-size[1] // 4)
+
+    def blocks_of(plane):
+        labels = (np.arange(size[0])[:, None] // 4) * wide + np.arange(size[1]) // 4
+        return scipy.ndimage.mean(plane, labels, np.arange(high * wide)).reshape(high, wide)
+
+    def thrice(plane):
+        for _ in range(3):
+            plane = ora.wide_box_mean(plane, {32: 8, 50: 12}[radius])
+        return plane
+
+    def at_pixels(blocks):
+        y, x = np.mgrid[: size[0], : size[1]]
+        return scipy.ndimage.map_coordinates(blocks, [(y - 1.5) / 4.0, (x - 1.5) / 4.0], order=1, mode="nearest")
+
+    light = [thrice(blocks_of(removed[..., c])) for c in range(3)]
+    level = at_pixels(thrice(blocks_of(image.sum(axis=-1) / 3.0) + sum(light) / 6.0))
+    light = np.stack([at_pixels(blocks) for blocks in light], axis=-1)
+    mean = light.sum(axis=-1) / 3.0
+    expected = (image + 0.5 * light) * (1.0 + 0.5 * mean / np.maximum(np.maximum(level, mean), 1e-9))[..., None]
+    assert_close(ora.spread_removed(image, removed, radius), expected, 1e-12)
+
+
+def test_blocks_serve_from_a_radius_of_32_on():
+    """Between the centres of blocks all is linear: two second differences of four are 0."""
+    removed = np.zeros((240, 240, 3))
+    removed[100, 100] = 1e3
+    for radius, part in ((31, 1.0), (32, 0.5)):
+        bends = np.diff(ora.spread_removed(np.zeros(removed.shape), removed, radius)[140:182, 100, 0], n=2)
+        assert (np.abs(bends) > 1e-8).mean() == pytest.approx(part, abs=0.03)
+    rough, fine = (ora.spread_removed(np.zeros(removed.shape), removed, radius).sum() for radius in (32, 31))
+    np.testing.assert_allclose(rough, fine, rtol=0.01)
 
 
 def test_spread_removed_gives_all_light_back():

@@ -10,6 +10,7 @@ from test_stages import close
 from transfer import scalars, to_array, to_planes
 
 from mcdenoise_cl import Frame, denoise
+from mcdenoise_cl.methods.features import hold_back_outliers
 from mcdenoise_cl.stages import outliers, variance
 from mcdenoise_cl.stages.exposure import inverse_geometric_mean
 from mcdenoise_cl.stages.prefilter import prefilter
@@ -29,7 +30,7 @@ def noise(image, seed=1):
 
 
 @pytest.mark.parametrize("image", CASES)
-@pytest.mark.parametrize(("limit", "significant"), [(1.0, np.inf), (2.5, np.inf), (1.0, 2.0)])
+@pytest.mark.parametrize(("limit", "significant"), [(1.0, np.inf), (2.5, np.inf), (1.0, 2.0), (1.5, 2.0)])
 def test_outliers(engine, image, limit, significant):
     image = image - 0.1
     expected, factor = theory.outliers(image, limit, noise(image), significant)
@@ -41,11 +42,28 @@ def test_outliers(engine, image, limit, significant):
     close(to_array(engine, spread), noise(image) * factor[..., None] ** 2)
 
 
-@pytest.mark.parametrize("image", SMALL)
-@pytest.mark.parametrize("radius", [1, 5, 50])
+@pytest.mark.parametrize(
+    ("names", "significant"),
+    [(("color_variance", "color_a", "color_b"), 5.0), (("color_a", "color_b"), 50.0), ((), np.inf)],
+    ids=["variance", "halves", "nothing"],
+)
+def test_a_light_stands_out_by_more_than_outliers_do(engine, names, significant):
+    """Of 1 beside it, by this many of its own standard deviations, known from what the frame has."""
+    planes = dict.fromkeys(names)
+    for deviations, stays in ((0.98 * min(significant, 1e6), False), (1.02 * min(significant, 1e6), significant < 1e6)):
+        image = np.full((5, 6, 3), 1, np.float32)
+        image[2, 3] += 0.01 * deviations
+        color, spread = to_planes(engine, image), to_planes(engine, np.full(image.shape, 0.01**2 / 3))
+        hold_back_outliers(engine, planes, color, spread, 1.01)
+        assert to_array(engine, color)[2, 3, 0] == pytest.approx(image[2, 3, 0] if stays else 1.01)
+    assert theory.significance(names) == significant
+
+
+@pytest.mark.parametrize("image", CASES)
+@pytest.mark.parametrize("radius", [1, 5, 31, 32, 50])
 def test_spread_removed(engine, image, radius):
     rng = np.random.default_rng(2)
-    removed = (image * (rng.random(image.shape[:2]) < 0.05)[..., None]).astype(np.float32)
+    removed = (image * (rng.random(image.shape[:2]) < 0.2)[..., None]).astype(np.float32)
     out = outliers.spread_removed(engine, to_planes(engine, image), to_planes(engine, removed), radius)
     close(to_array(engine, out), theory.spread_removed(image, removed, radius))
 
@@ -104,6 +122,17 @@ def test_prefilter(engine, height, width, channels):
     close(to_array(engine, left), expected_left, tolerance=2e-5)
 
 
+@pytest.mark.parametrize(
+    ("dx", "dy", "seen"), [(3, 1, True), (-1, 3, True), (3, 2, False), (-2, -3, False), (4, 0, False)]
+)
+def test_the_window_of_the_prefilter_is_a_disc(engine, dx, dy, seen):
+    """Offset (2, 0) belongs to it, (2, 1) does not; one pixel's variance counts in those beside it."""
+    spread = np.full((9, 9), 0.01, np.float32)
+    spread[4 + dy, 4 + dx] = 0.5
+    _, left = prefilter(engine, to_planes(engine, np.full((9, 9), 0.4)), to_planes(engine, spread))
+    assert (abs(to_array(engine, left)[4, 4] - 0.01 / 13) > 1e-4) == seen
+
+
 def both_regressions(engine, color, spread, features, left, fitted, *, search, patch, stride, bandwidth, ridges):
     """Fits of the window and of its middle, by the device and by the equations."""
     terms = None
@@ -148,22 +177,44 @@ def test_first_order_regression(engine, kind, height, width, search, patch, stri
         close(one, other, tolerance=1e-4)
 
 
-def test_features_that_carry_nothing_are_left_out(engine):
-    """One constant, one of noise alone, one constant in the left half only; 64x24 pixels are 2x3 blocks."""
-    rng = np.random.default_rng(0)
-    features = np.zeros((24, 64, 3), np.float32)
-    features[..., 0] = 0.7
-    features[..., 1] = 0.1 * rng.standard_normal((24, 64))
-    features[:, 40:, 2] = rng.random((24, 24))
-    left = np.zeros_like(features)
-    left[..., 1] = 0.01
-    for reach, expected in ((7, [0, 0, 3]), (9, [0, 0, 6])):  # 40 - 31 = 9 pixels from the left blocks
-        terms = choose_terms(engine, to_planes(engine, features), to_planes(engine, left), reach)
-        assert scalars(engine, terms.used, 3, np.int32).tolist() == expected
-        blocks = scalars(engine, terms.blocks, 2 * 3 * 6).reshape(3, 2, 3, 2)
-        mean, variance, used = (plane[::8, ::32] for plane in theory.terms_of_blocks(features, left, reach))
-        np.testing.assert_allclose(blocks[..., 0], mean, atol=1e-6)
-        np.testing.assert_allclose(blocks[..., 1], np.where(used, variance, -1.0), rtol=1e-4, atol=1e-9)
+@pytest.mark.parametrize("stride", [1, 2])
+@pytest.mark.parametrize(
+    ("dx", "dy", "whole", "inner"),
+    [
+        (4, 2, True, False),
+        (-2, 4, True, False),
+        (4, 3, False, False),
+        (-3, -4, False, False),
+        (4, 4, False, False),
+        (3, 3, True, False),
+        (-1, 2, True, True),
+        (2, -2, True, False),
+        (0, -2, True, True),
+    ],
+)
+def test_a_pixel_counts_in_the_disc_and_not_just_outside(engine, stride, dx, dy, whole, inner):
+    """Radius 4 with its middle of radius 2: 4² + 2² is at most 4 · 5, 4² + 3² is not; 1² + 2² at most 2 · 3."""
+    size = (8 * stride + 1, 8 * stride + 1, 3)
+    color = np.ones(size, np.float32)
+    color[(4 + dy) * stride, (4 + dx) * stride] = 100
+    window = {"search": 4, "patch": 0, "stride": stride, "bandwidth": 1.0, "ridges": RIDGES}
+    got, _ = both_regressions(engine, 0 * color, np.ones_like(color), None, None, color, **window)
+    for fit, seen in zip(got, (whole, inner), strict=True):
+        assert (abs(fit[4 * stride, 4 * stride, 0] - 1) > 0.1) == seen
+        assert seen or abs(fit[4 * stride, 4 * stride, 0] - 1) < 1e-4
+
+
+def test_differences_in_the_dark_are_seen_where_the_noise_is_small(engine):
+    """A ten-thousandth of the usual brightness, everything alike: a variance of 1e-11 is not nothing."""
+    color = np.float32(1e-4) * inputs.planes("textured", 13, 17, 3)
+    color += np.float32(1e-6) * inputs.planes("uniform", 13, 17, 3)
+    spread = np.full_like(color, 1e-11)
+    window = {"search": 3, "patch": 1, "stride": 1, "bandwidth": 0.8, "ridges": RIDGES}
+    got, expected = both_regressions(engine, color, spread, None, None, color, **window)
+    for one, other in zip(got, expected, strict=True):
+        close(one, other, tolerance=1e-4)
+    bright, _ = both_regressions(engine, 1e4 * color, 1e8 * spread, None, None, 1e4 * color, **window)
+    close(1e4 * got[0], bright[0], tolerance=0.02)
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.9])
@@ -178,7 +229,7 @@ def test_a_texture_of_little_contrast_is_told_apart_beside_a_strong_edge(engine,
     window = {"search": 4, "patch": 1, "stride": 1, "bandwidth": 1.0, "ridges": ridges}
     got, expected = both_regressions(engine, color, spread, features, 0 * features, color, **window)
     np.testing.assert_allclose(got[0], expected[0], rtol=5e-4)
-    assert np.abs(got[0] - color)[:, :20].max() < 0.2 * np.ptp(color[:, :20])
+    assert np.abs(got[0] - color)[:, :20].max() < 0.3 * np.ptp(color[:, :20])
 
 
 def test_a_linear_function_of_the_features_is_reproduced(engine):

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from ..engine import Engine, Planes
 
+#: Rows that a work-group transposes at a time: 64 bytes, the piece of memory that GPUs write.
+GROUP_BLOCK = 16
+
 
 def box_mean(engine: Engine, image: Planes, radius: int) -> Planes:
     """Mean over the (2 radius + 1)² window around each pixel, borders mirrored, of every plane."""
@@ -12,13 +15,23 @@ def box_mean(engine: Engine, image: Planes, radius: int) -> Planes:
 
 def _pass(engine: Engine, image: Planes, radius: int) -> Planes:
     """Means over columns, written transposed."""
-    width = engine.shape.width
+    height, width, channels = image.height, image.width, image.channels
     window = 2 * radius + 1
-    # Rows to a work-item: enough that filling the first window is a small part of the work.
-    each = max(64, 4 * window)
-    each += -each % width
-    out = engine.planes(image.channels, image.width, image.height)
-    size = (engine.vectors(image.width), -(-image.height // each), image.channels)
-    kernel = engine.kernel("box.cl", "box_transposed")
-    engine.launch("box", kernel, size, image, image.height, out, radius, each, 1.0 / window)
+    out = engine.planes(channels, width, height)
+    if engine.shape.schedule == "group":
+        each = _rows_each(window, GROUP_BLOCK)
+        kernel = engine.kernel("box_group.cl", "box_transposed_group", **engine.group_defines(), BLOCK=GROUP_BLOCK)
+        size, local = (width, -(-height // each), channels), (*engine.shape.group, 1)
+        engine.launch("box", kernel, size, image, height, width, out, radius, each, 1.0 / window, local=local)
+    else:
+        each = _rows_each(window, engine.shape.width)
+        kernel = engine.kernel("box.cl", "box_transposed")
+        size = (engine.vectors(width), -(-height // each), channels)
+        engine.launch("box", kernel, size, image, height, out, radius, each, 1.0 / window)
     return out
+
+
+def _rows_each(window: int, block: int) -> int:
+    """Rows to a work-item, in whole blocks: enough that filling the first window is a small part of the work."""
+    rows = max(64, 4 * window)
+    return rows + -rows % block

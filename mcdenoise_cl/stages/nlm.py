@@ -8,10 +8,14 @@ import pyopencl as cl
 
 from ..engine import Engine, Planes
 from .canny import gaussian_taps
+from .group import copy_defines, items, patch_defines
 
 #: What the weight of the pixel itself can be: 1, since its patch is equal to itself, or the largest of the other
 #: weights (Buades et al. 2005), without which an outlier that resembles nothing stays as it is.
 CENTERS = ("one", "largest")
+
+#: Pixels to a work-item of the group schedule, without and with SSIM; see nlm_group.cl for what they cost.
+GROUP_OUTPUTS = (4, 2)
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,6 @@ def nlm(
         Three planes without a border.
     """
     height, width = tone.height, tone.width
-    defines = engine.tile_defines(patch_radius)
     gaussian = engine.constant(gaussian_taps(patch_sigma, patch_radius))
     arguments = [
         tone,
@@ -73,11 +76,14 @@ def nlm(
         CENTERS.index(center),
     ]
     if ssim is not None:
-        defines["WITH_SSIM"] = None
         arguments += [ssim.unit, ssim.stats, float(ssim.c1), float(ssim.c2), float(ssim.stabiliser)]
     out = engine.planes(3, height, width)
-    kernel = engine.kernel("nlm.cl", "nlm", **defines)
-    engine.launch(
-        "nlm" if ssim is None else "ssim-nlm", kernel, engine.tiles(height, width), *arguments, out, single=True
-    )
+    stage, term = ("nlm", {}) if ssim is None else ("ssim-nlm", {"WITH_SSIM": None})
+    if engine.shape.schedule == "group":
+        cut = patch_defines(engine, patch_radius, GROUP_OUTPUTS[ssim is not None])
+        kernel = engine.kernel("nlm_group.cl", "nlm_group", **cut, **copy_defines(engine, cut, search_radius), **term)
+        engine.launch(stage, kernel, items(height, width, cut), *arguments, out, local=engine.shape.group)
+    else:
+        kernel = engine.kernel("nlm.cl", "nlm", **engine.tile_defines(patch_radius), **term)
+        engine.launch(stage, kernel, engine.tiles(height, width), *arguments, out, single=True)
     return out

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from ..engine import Engine, Planes
 from .box import box_mean
+from .group import items, patch_defines
 from .pad import pad
 from .variance import channel_sum, clip
 
 SEARCH_RADIUS, PATCH_RADIUS = 2, 1
+#: Pixels to a work-item of the group schedule; see prefilter_group.cl for what they cost.
+GROUP_OUTPUTS = 2
 
 
 def prefilter(engine: Engine, feature: Planes, variance: Planes) -> tuple[Planes, Planes]:
@@ -20,7 +23,12 @@ def prefilter(engine: Engine, feature: Planes, variance: Planes) -> tuple[Planes
     height, width, channels = feature.height, feature.width, feature.channels
     padded = [pad(engine, image, border) for image in (feature, variance, channel_sum(engine, variance))]
     out, left = engine.planes(channels, height, width), engine.planes(channels, height, width)
-    kernel = engine.kernel("prefilter.cl", "prefilter", **engine.tile_defines(PATCH_RADIUS), CHANNELS=channels)
-    size = engine.tiles(height, width)
-    engine.launch("prefilter", kernel, size, *padded, height, width, SEARCH_RADIUS, out, left, single=True)
+    arguments = (*padded, height, width, SEARCH_RADIUS, out, left)
+    if engine.shape.schedule == "group":
+        cut = patch_defines(engine, PATCH_RADIUS, GROUP_OUTPUTS)
+        kernel = engine.kernel("prefilter_group.cl", "prefilter_group", **cut, CHANNELS=channels)
+        engine.launch("prefilter", kernel, items(height, width, cut), *arguments, local=engine.shape.group)
+    else:
+        kernel = engine.kernel("prefilter.cl", "prefilter", **engine.tile_defines(PATCH_RADIUS), CHANNELS=channels)
+        engine.launch("prefilter", kernel, engine.tiles(height, width), *arguments, single=True)
     return out, left

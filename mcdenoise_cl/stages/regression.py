@@ -44,7 +44,9 @@ def first_order_regression(
     height, width = color.height, color.width
     reach = search_radius * stride
     border = reach + patch_radius
-    defines = engine.tile_defines(patch_radius, deep=True)
+    in_groups = engine.shape.schedule == "group"
+    defines = {"PATCH_RADIUS": patch_radius}
+    defines |= engine.group_defines() if in_groups else engine.tile_defines(patch_radius, deep=True)
     defines |= {"SEARCH_RADIUS": search_radius, "STRIDE": stride, "COLORS": color.channels}
     defines |= {"FEATURES": terms.features.channels if terms else 0}
     if with_inner:
@@ -56,6 +58,26 @@ def first_order_regression(
         arguments += [terms.noise, terms.blocks, terms.across]
     arguments += [height, width, *(float(value) for value in (bandwidth, ridge, noise_ridge, position_ridge))]
     fits = [engine.planes(color.channels, height, width) for _ in range(1 + with_inner)]
-    kernel = engine.kernel("regression.cl", "regress", **defines)
-    engine.launch("regression", kernel, engine.tiles(height, width, deep=True), *arguments, *fits, single=True)
+    if in_groups:
+        offsets, inner = offsets_of_window(search_radius, stride, with_inner)
+        kernel = engine.kernel("regression_group.cl", "regress", **defines, OFFSETS=len(offsets), INNER_OFFSETS=inner)
+        arguments.insert(0, engine.constant(offsets))
+        engine.launch("regression", kernel, (width, height), *arguments, *fits, local=engine.shape.group)
+    else:
+        kernel = engine.kernel("regression.cl", "regress", **defines)
+        engine.launch("regression", kernel, engine.tiles(height, width, deep=True), *arguments, *fits, single=True)
     return tuple(reversed(fits))
+
+
+def offsets_of_window(radius: int, stride: int, with_inner: bool) -> tuple[list[tuple[int, int]], int]:
+    """The pixels (x, y) of a window, row by row, those of the inner one first, and how many the inner one has.
+
+    Both are discs: IN_DISC in first_order.h.
+    """
+
+    def disc(r: int) -> list[tuple[int, int]]:
+        span = range(-r, r + 1)
+        return [(stride * x, stride * y) for y in span for x in span if x * x + y * y <= r * (r + 1)]
+
+    inner = disc(radius // 2) if with_inner else []
+    return inner + [offset for offset in disc(radius) if offset not in inner], len(inner)
