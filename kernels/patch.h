@@ -71,6 +71,7 @@ inline void excess_row(global const float *a, global const float *b, int row, in
 inline vec sum_along(const float *excess, int v, int radius)
 {
     vec sum = (vec)(0.f);
+#pragma unroll
     for (int k = PATCH_RADIUS - radius; k <= PATCH_RADIUS + radius; k++)
         sum += LOAD(excess + v * WIDTH + k);
     return sum;
@@ -79,6 +80,7 @@ inline vec sum_along(const float *excess, int v, int radius)
 inline vec sum_down(const vec across[ROWS + 2 * PATCH_RADIUS][VECTORS], int y, int v, int radius)
 {
     vec sum = (vec)(0.f);
+#pragma unroll
     for (int k = PATCH_RADIUS - radius; k <= PATCH_RADIUS + radius; k++)
         sum += across[y + k][v];
     return sum;
@@ -106,18 +108,35 @@ inline void patch_variance_distance(global const float *a, global const float *b
 inline void patch_weights(global const float *a, global const float *b, int row, int plane, global const float *va,
                           global const float *vb, int v_row, float scale, vec out[ROWS][VECTORS])
 {
-    vec across[ROWS + 2 * PATCH_RADIUS][VECTORS], inner[ROWS + 2 * PATCH_RADIUS][VECTORS];
-    float excess[SPAN_VECTORS * WIDTH];
-    for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
-        excess_row(a, b, row, plane, va, vb, v_row, 3, y, excess);
-        for (int v = 0; v < VECTORS; v++) {
-            across[y][v] = sum_along(excess, v, PATCH_RADIUS);
-            inner[y][v] = sum_along(excess, v, INNER_RADIUS);
+    float excess[ROWS + 2 * PATCH_RADIUS][SPAN_VECTORS * WIDTH];
+    for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++)
+        excess_row(a, b, row, plane, va, vb, v_row, 3, y, excess[y]);
+    for (int v = 0; v < VECTORS; v++) {
+        vec across[PATCH], inner[PATCH];
+#pragma unroll
+        for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
+            vec wide = (vec)(0.f), narrow = (vec)(0.f);
+#pragma unroll
+            for (int k = 0; k < PATCH; k++) {
+                const vec here = LOAD(excess[y] + v * WIDTH + k);
+                wide += here;
+                if (k >= PATCH_RADIUS - INNER_RADIUS && k <= PATCH_RADIUS + INNER_RADIUS)
+                    narrow += here;
+            }
+            across[y % PATCH] = wide;
+            inner[y % PATCH] = narrow;
+            if (y >= 2 * PATCH_RADIUS) {
+                vec sum = across[0], inner_sum = inner[(y - PATCH_RADIUS + PATCH) % PATCH];
+#pragma unroll
+                for (int k = 1; k < PATCH; k++)
+                    sum += across[k];
+#pragma unroll
+                for (int k = 1; k <= INNER_RADIUS; k++)
+                    inner_sum += inner[(y - PATCH_RADIUS - k) % PATCH] + inner[(y - PATCH_RADIUS + k) % PATCH];
+                out[y - 2 * PATCH_RADIUS][v] = weight_of_sums(sum, inner_sum, scale);
+            }
         }
     }
-    for (int y = 0; y < ROWS; y++)
-        for (int v = 0; v < VECTORS; v++)
-            out[y][v] = weight_of_sums(sum_down(across, y, v, PATCH_RADIUS), sum_down(inner, y, v, INNER_RADIUS), scale);
 }
 
 /* out[y][v] = variance of a - b over the patch (uniform weights): mean(e^2) - mean(e)^2, whose rounding is below 1e-4 of

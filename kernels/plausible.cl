@@ -91,9 +91,11 @@ kernel void keep_plausible(PLANES(filtered), CONST_PLANES(input), CONST_PLANES(m
         }
     const vec worst = fmax(sum / 25.f, most / MOST) / likely;
     const vec kept = clamp(3.f - 2.f * worst, 0.f, 1.f);
+    /* To the last bit where nothing changes, which is nearly everywhere. */
     for (int c = 0; c < 4; c++) {
-        const vec before = VECTOR_AT(input, c, y, x);
-        STORE(before + kept * (VECTOR_AT(filtered, c, y, x) - before), filtered + INDEX(filtered, c, y, x));
+        const vec before = VECTOR_AT(input, c, y, x), after = VECTOR_AT(filtered, c, y, x);
+        STORE(kept < 1.f ? before + kept * (after - before) : after, filtered + INDEX(filtered, c, y, x));
     }
-    STORE(1.f - kept * (1.f - VECTOR_AT(share, 0, y, x)), share + INDEX(share, 0, y, x));
+    const vec part = VECTOR_AT(share, 0, y, x);
+    STORE(kept < 1.f ? 1.f - kept * (1.f - part) : part, share + INDEX(share, 0, y, x));
 }
