@@ -5,32 +5,10 @@
  * then along rows, and each block is solved once; the functions are brought up to every pixel and applied to its own
  * features (He and Sun 2015). Weights are those of relative errors: without them a window that holds something bright
  * fits that alone, and is wrong by its size in the dark.
- *
- * A group of samples is so many planes: the sum of weights; the means of the VARIABLES, features first, colours after;
- * and sum w (v_a - mean_a) (f_b - mean_b) of every variable a and feature b, of features only b <= a. Groups are only
- * ever joined: weights span so many powers of ten that a sum from which a bright block was taken away again would be
- * wrong. Still no window costs more than three joins (van Herk 1992, Gil and Werman 1993): cut into stretches as long as
- * a window, each window is the end of one and the beginning of the next.
  */
-#include "common.h"
-
-#define VARIABLES (FEATURES + 3)
-#define TERMS (FEATURES + 1)
-#define LOWER(a, b) ((a) * ((a) + 1) / 2 + (b)) /* b <= a */
-#define PRODUCT(a, b) ((a) < FEATURES ? LOWER(a, b) : LOWER(FEATURES, 0) + ((a) - FEATURES) * FEATURES + (b))
-#define PRODUCTS PRODUCT(VARIABLES, 0)
-#define MEAN(a) (1 + (a))
-#define COVARIANCE(i) (1 + VARIABLES + (i))
-#if FEATURES > 0
-#define ROOM PRODUCTS
-#define SLOPES FEATURES
-#else
-#define ROOM 1 /* no array is empty */
-#define SLOPES 1
-#endif
+#include "groups.h"
 
 #define PIXELS (BLOCK * BLOCK)
-#define SIDE (2 * RADIUS + 1)
 
 /* In exposed units: below the one, errors count alike; the other keeps weights within float32. */
 #define DARKEST 0.02f
@@ -79,7 +57,6 @@ inline vec mirrored(global const float *row, int x, int n)
         line[i] = row[reflect(x + i, n)];
     return LOAD(line);
 }
-#define MIRRORED(p, c, y, x, n) mirrored(p + INDEX(p, c, y, 0), x, n)
 
 /* Where the pixels of phase i of their blocks lie between blocks: from `before` (in blocks, from their own), this far
  * to the next. */
@@ -119,80 +96,6 @@ kernel void box_fit_luminance(CONST_PLANES(color), int height, int width, PLANES
     STORE(luminance(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x), VECTOR_AT(color, 2, y, x)),
           out + INDEX(out, 0, y, x));
 }
-
-typedef struct {
-    vec weight, mean[VARIABLES], product[ROOM];
-} Group;
-
-/* a and b as one (Chan et al. 1979), to either of them or to a third. */
-inline void join(const Group *a, const Group *b, Group *both)
-{
-    const vec weight = a->weight + b->weight, part = b->weight / weight, common = a->weight * part;
-    vec apart[VARIABLES];
-    for (int v = 0; v < VARIABLES; v++) {
-        apart[v] = b->mean[v] - a->mean[v];
-        both->mean[v] = a->mean[v] + part * apart[v];
-    }
-    for (int v = 0; v < VARIABLES; v++) {
-        const vec weighted = common * apart[v];
-        for (int f = 0; f < FEATURES && f <= v; f++) {
-            const int i = PRODUCT(v, f);
-            both->product[i] = a->product[i] + b->product[i] + weighted * apart[f];
-        }
-    }
-    both->weight = weight;
-}
-
-inline void load_group(CONST_PLANES(group), int y, int x, Group *out)
-{
-    out->weight = VECTOR_AT(group, 0, y, x);
-    for (int v = 0; v < VARIABLES; v++)
-        out->mean[v] = VECTOR_AT(group, MEAN(v), y, x);
-    for (int i = 0; i < PRODUCTS; i++)
-        out->product[i] = VECTOR_AT(group, COVARIANCE(i), y, x);
-}
-#define LOAD_GROUP(y, x, out) load_group(group, group_origin, group_row, group_plane, y, x, out)
-
-/* ends[i]: the groups of rows `first` + i to `first` + 2 RADIUS as one, mirrored. */
-inline void join_ends(CONST_PLANES(group), int first, int x, int height, Group ends[SIDE])
-{
-    LOAD_GROUP(reflect(first + SIDE - 1, height), x, &ends[SIDE - 1]);
-    for (int i = SIDE - 2; i >= 0; i--) {
-        Group own;
-        LOAD_GROUP(reflect(first + i, height), x, &own);
-        join(&own, &ends[i + 1], &ends[i]);
-    }
-}
-
-/* The window that begins at row `first` + i, of the end ends[i] and the beginning of the rows that follow, which grows
- * by one row with each i > 0. */
-inline void next_window(CONST_PLANES(group), int first, int i, int x, int height, const Group ends[SIDE],
-                        Group *beginning, Group *window)
-{
-    if (i == 0) {
-        *window = ends[0];
-        return;
-    }
-    Group own;
-    LOAD_GROUP(reflect(first + SIDE - 1 + i, height), x, &own);
-    if (i == 1)
-        *beginning = own;
-    else
-        join(beginning, &own, beginning);
-    join(&ends[i], beginning, window);
-}
-#define NEXT_WINDOW(i) \
-    next_window(group, group_origin, group_row, group_plane, first, i, x, height, ends, &beginning, &window)
-
-/* WIDTH values of a row become a piece of a column. */
-inline void store_transposed(vec value, global float *column, int row, int count)
-{
-    float line[WIDTH];
-    STORE(value, line);
-    for (int i = 0; i < WIDTH && i < count; i++)
-        column[i * row] = line[i];
-}
-#define STORE_TRANSPOSED(value, p, c, y, x, width) store_transposed(value, p + INDEX(p, c, x, y), p##_row, (width) - (x))
 
 /* light: luminance around each pixel. out: a group for each block; those at the far edges hold the pixels there are.
  * The noise of a feature counts as spread of its own. */

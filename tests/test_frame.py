@@ -6,6 +6,7 @@ import pyopencl as cl
 import pyopencl.array as cl_array
 import pytest
 
+from mcdenoise_cl.device import context_for
 from mcdenoise_cl.errors import FrameError, McdenoiseError
 from mcdenoise_cl.frame import DTYPES, PLANES, SCALAR_PLANES, VECTOR_PLANES, Frame
 
@@ -13,8 +14,8 @@ H, W = 4, 6
 
 
 @pytest.fixture(scope="module")
-def queue():
-    return cl.CommandQueue(cl.create_some_context(interactive=False))
+def queue(device):
+    return cl.CommandQueue(context_for(device), device)
 
 
 def plane(name, dtype=np.float32):

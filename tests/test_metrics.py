@@ -9,6 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from mcdenoise_cl import metrics
+from mcdenoise_cl.device import context_for
 from mcdenoise_cl.errors import FrameError, McdenoiseError, ParameterError
 from mcdenoise_cl.frame import Frame
 
@@ -28,8 +29,8 @@ def pair(rng):
 
 
 @pytest.fixture(scope="module")
-def queue():
-    return cl.CommandQueue(cl.create_some_context(interactive=False))
+def queue(device):
+    return cl.CommandQueue(context_for(device), device)
 
 
 def shown(image, exposure):

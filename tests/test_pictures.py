@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from mcdenoise_cl import pictures
+from mcdenoise_cl.device import context_for
 from mcdenoise_cl.errors import FrameError, McdenoiseError, ParameterError
 from mcdenoise_cl.frame import Frame
 
@@ -270,8 +271,8 @@ def test_feature_sheet():
     check_sheet(pictures.feature_sheet(feature_frame()))
 
 
-def test_feature_sheet_of_device_arrays():
-    queue = cl.CommandQueue(cl.create_some_context(interactive=False))
+def test_feature_sheet_of_device_arrays(device):
+    queue = cl.CommandQueue(context_for(device), device)
     frame = feature_frame()
     planes = {name: cl_array.to_device(queue, plane) for name, plane in frame.planes().items()}
     check_sheet(pictures.feature_sheet(Frame(**planes, metadata=frame.metadata)))
