@@ -67,21 +67,21 @@ inline void excess_row(global const float *a, global const float *b, int row, in
     }
 }
 
-/* Sums over the 2 radius + 1 values around the middle of a patch, along a row and down a column. */
-inline vec sum_along(const float *excess, int v, int radius)
+/* Sums over a patch, along a row and down a column. */
+inline vec sum_along(const float *values, int v)
 {
-    vec sum = (vec)(0.f);
+    vec sum = LOAD(values + v * WIDTH);
 #pragma unroll
-    for (int k = PATCH_RADIUS - radius; k <= PATCH_RADIUS + radius; k++)
-        sum += LOAD(excess + v * WIDTH + k);
+    for (int k = 1; k < PATCH; k++)
+        sum += LOAD(values + v * WIDTH + k);
     return sum;
 }
 
-inline vec sum_down(const vec across[ROWS + 2 * PATCH_RADIUS][VECTORS], int y, int v, int radius)
+inline vec sum_down(const vec across[ROWS + 2 * PATCH_RADIUS][VECTORS], int y, int v)
 {
-    vec sum = (vec)(0.f);
+    vec sum = across[y][v];
 #pragma unroll
-    for (int k = PATCH_RADIUS - radius; k <= PATCH_RADIUS + radius; k++)
+    for (int k = 1; k < PATCH; k++)
         sum += across[y + k][v];
     return sum;
 }
@@ -96,12 +96,12 @@ inline void patch_variance_distance(global const float *a, global const float *b
     for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
         excess_row(a, b, row, plane, va, vb, v_row, channels, y, excess);
         for (int v = 0; v < VECTORS; v++)
-            across[y][v] = sum_along(excess, v, PATCH_RADIUS);
+            across[y][v] = sum_along(excess, v);
     }
     const float norm = 1.f / (PATCH * PATCH);
     for (int y = 0; y < ROWS; y++)
         for (int v = 0; v < VECTORS; v++)
-            out[y][v] = fmax(norm * sum_down(across, y, v, PATCH_RADIUS), (vec)(0.f));
+            out[y][v] = fmax(norm * sum_down(across, y, v), (vec)(0.f));
 }
 
 /* out[y][v] = weight_of_sums. */
@@ -154,13 +154,13 @@ inline void patch_spread(global const float *a, global const float *b, int row, 
             STORE(difference * difference, square + v * WIDTH);
         }
         for (int v = 0; v < VECTORS; v++)
-            across[y][v] = sum_along(square, v, PATCH_RADIUS);
+            across[y][v] = sum_along(square, v);
     }
     for (int y = 0; y < ROWS; y++)
         for (int v = 0; v < VECTORS; v++) {
             const int i = y * stats_row + STAT(c, MEAN) * stats_plane + v * WIDTH;
             const vec mean = LOAD(stats_a + i) - LOAD(stats_b + i);
-            const vec squares = sum_down(across, y, v, PATCH_RADIUS) * (1.f / (PATCH * PATCH));
+            const vec squares = sum_down(across, y, v) * (1.f / (PATCH * PATCH));
             out[y][v] = fmax(squares - mean * mean, (vec)(0.f));
         }
 }
