@@ -10,15 +10,13 @@ from test_stages import close
 from transfer import scalars, to_array, to_planes
 
 from mcdenoise_cl import Frame, denoise
-from mcdenoise_cl.methods.features import hold_back_outliers
-from mcdenoise_cl.stages import outliers, variance
+from mcdenoise_cl.stages import variance
 from mcdenoise_cl.stages.exposure import inverse_geometric_mean
 from mcdenoise_cl.stages.prefilter import prefilter
 from mcdenoise_cl.stages.regression import first_order_regression
 from mcdenoise_cl.stages.terms import choose_terms
 
 CASES = [pytest.param(image, id=name) for name, image in inputs.images(3)]
-SMALL = [pytest.param(image, id=name) for name, image in inputs.images(3) if image.shape[0] < 30]
 SIZES = [(1, 1), (1, 9), (7, 1), (3, 2), (13, 17), (24, 40)]
 RIDGES = {"ridge": 0.03, "noise_ridge": 10.0, "position_ridge": 0.1}
 
@@ -27,55 +25,6 @@ def noise(image, seed=1):
     """A variance that varies, of the order of the image's own."""
     rng = np.random.default_rng(seed)
     return (0.02 * (0.5 + rng.random(image.shape)) * (image**2 + 0.05)).astype(np.float32)
-
-
-@pytest.mark.parametrize("image", CASES)
-@pytest.mark.parametrize(("limit", "significant"), [(1.0, np.inf), (2.5, np.inf), (1.0, 2.0), (1.5, 2.0)])
-def test_outliers(engine, image, limit, significant):
-    image = image - 0.1
-    expected, factor = theory.outliers(image, limit, noise(image), significant)
-    color, spread = to_planes(engine, image), to_planes(engine, noise(image))
-    removed, scaled = outliers.scale_outliers(engine, color, spread, limit, significant)
-    close(to_array(engine, color), expected)
-    close(to_array(engine, removed), image - expected, scale=np.abs(image).max())
-    close(to_array(engine, scaled), factor)
-    close(to_array(engine, spread), noise(image) * factor[..., None] ** 2)
-
-
-@pytest.mark.parametrize(
-    ("names", "significant"),
-    [(("color_variance", "color_a", "color_b"), 5.0), (("color_a", "color_b"), 50.0), ((), np.inf)],
-    ids=["variance", "halves", "nothing"],
-)
-def test_a_light_stands_out_by_more_than_outliers_do(engine, names, significant):
-    """Of 1 beside it, by this many of its own standard deviations, known from what the frame has."""
-    planes = dict.fromkeys(names)
-    for deviations, stays in ((0.98 * min(significant, 1e6), False), (1.02 * min(significant, 1e6), significant < 1e6)):
-        image = np.full((5, 6, 3), 1, np.float32)
-        image[2, 3] += 0.01 * deviations
-        color, spread = to_planes(engine, image), to_planes(engine, np.full(image.shape, 0.01**2 / 3))
-        hold_back_outliers(engine, planes, color, spread, 1.01)
-        assert to_array(engine, color)[2, 3, 0] == pytest.approx(image[2, 3, 0] if stays else 1.01)
-    assert theory.significance(names) == significant
-
-
-@pytest.mark.parametrize("image", CASES)
-@pytest.mark.parametrize("radius", [1, 5, 31, 32, 50])
-def test_spread_removed(engine, image, radius):
-    rng = np.random.default_rng(2)
-    removed = (image * (rng.random(image.shape[:2]) < 0.2)[..., None]).astype(np.float32)
-    out = outliers.spread_removed(engine, to_planes(engine, image), to_planes(engine, removed), radius)
-    close(to_array(engine, out), theory.spread_removed(image, removed, radius))
-
-
-def test_the_energy_of_a_firefly_is_kept(engine):
-    image = np.full((80, 80, 3), 0.5, np.float32)
-    image[40, 40] = 20.0
-    color, spread = to_planes(engine, image), to_planes(engine, np.zeros_like(image))
-    removed, _ = outliers.scale_outliers(engine, color, spread, 1.0, np.inf)
-    out = to_array(engine, outliers.spread_removed(engine, color, removed, 8))
-    assert out.sum() == pytest.approx(image.sum(), rel=1e-3)
-    assert out.max() < 0.7
 
 
 @pytest.mark.parametrize("image", CASES)
