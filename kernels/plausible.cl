@@ -10,10 +10,7 @@
 #define FAINT 0.03f
 #define DARKEST2 1e-6f
 
-inline vec relative_to(vec value, vec light)
-{
-    return value * value + FAINT * FAINT * light * light + DARKEST2;
-}
+#define RELATIVE_TO(value, light) ((value) * (value) + FAINT * FAINT * (light) * (light) + DARKEST2)
 
 /* The largest relative variance in each block of BLOCK x BLOCK pixels, three planes of blocks. */
 kernel void most_noise(CONST_PLANES(color), CONST_PLANES(variance), int height, int width, PLANES(out))
@@ -27,7 +24,7 @@ kernel void most_noise(CONST_PLANES(color), CONST_PLANES(variance), int height, 
             const float l = LUMINANCE(color, j, x);
             for (int c = 0; c < 3; c++) {
                 const float own = AT(color, c, j, x);
-                most[c] = fmax(most[c], AT(variance, c, j, x) / (own * own + FAINT * FAINT * l * l + DARKEST2));
+                most[c] = fmax(most[c], AT(variance, c, j, x) / RELATIVE_TO(own, l));
             }
         }
     for (int c = 0; c < 3; c++)
@@ -65,7 +62,7 @@ kernel void distances(CONST_PLANES(filtered), CONST_PLANES(input), CONST_PLANES(
         for (int i = 0; i < WIDTH; i++)
             line[i] = AT(noise, c, y / BLOCK, min(x + i, width - 1) / BLOCK);
         const vec change = after[c] - before[c];
-        const vec scale = fmax(relative_to(before[c], light), relative_to(after[c], new_light));
+        const vec scale = fmax(RELATIVE_TO(before[c], light), RELATIVE_TO(after[c], new_light));
         largest = fmax(largest, change * change / (LOAD(line) * scale + 1e-30f));
     }
     STORE(largest, out + INDEX(out, 0, y, x));

@@ -41,6 +41,10 @@ inline float between_blocks(int i, int *before)
     return at + *before;
 }
 
+/* Removed light and brightness of a block. */
+#define BLOCK_AT(y, x) \
+    (float4)(AT(removed, 0, y, x), AT(removed, 1, y, x), AT(removed, 2, y, x), AT(bright, 0, y, x))
+
 /* A work-item takes SCALE pixels of a row. */
 kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(bright), int height, int width,
                       PLANES(out))
@@ -52,12 +56,10 @@ kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(b
     int before;
     const float down = between_blocks(y % SCALE, &before);
     const int top = max(y / SCALE - before, 0), next = min(y / SCALE - before + 1, bottom);
-    float4 blocks[3]; /* left, own, right: removed light and brightness */
+    float4 blocks[3]; /* left, own, right */
     for (int i = 0; i < 3; i++) {
         const int x = clamp(bx + i - 1, 0, last);
-        const float4 above = (float4)(AT(removed, 0, top, x), AT(removed, 1, top, x), AT(removed, 2, top, x), AT(bright, 0, top, x));
-        const float4 below = (float4)(AT(removed, 0, next, x), AT(removed, 1, next, x), AT(removed, 2, next, x), AT(bright, 0, next, x));
-        blocks[i] = mix(above, below, down);
+        blocks[i] = mix(BLOCK_AT(top, x), BLOCK_AT(next, x), down);
     }
 #pragma unroll
     for (int i = 0; i < SCALE; i++) {

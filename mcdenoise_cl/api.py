@@ -82,10 +82,10 @@ class Denoiser:
         """The queue on which everything runs."""
         return self._engine.queue
 
-    def reshape(self, shape: Shape) -> None:
+    def use_shape(self, shape: Shape) -> None:
         """Cut the work otherwise from now on: for `mcdenoise_cl.tune`."""
         with self._lock:
-            self._engine.reshape(shape)
+            self._engine.use_shape(shape)
 
     @property
     def report(self) -> Report:

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pyopencl as cl
 
-from .device import DEVICE_VARIABLE, INSTALL_HINT, DeviceInfo, context_for, describe, list_devices
+from .device import DEVICE_VARIABLE, INSTALL_HINT, DeviceInfo, context_for, describe, identity, list_devices
 from .engine import Engine
 from .errors import DeviceError
 from .measured import recall, remember
@@ -54,12 +54,12 @@ def _default(devices: list[DeviceInfo]) -> DeviceInfo:
     if gpus or len(others) == 1:
         return (gpus or others)[0]
     seconds = _measured_seconds(others)
-    return min(others, key=lambda info: seconds[_identity(info)])
+    return min(others, key=lambda info: seconds[identity(info)])
 
 
 def _measured_seconds(devices: list[DeviceInfo]) -> dict[str, float]:
     """Seconds of one small denoising kernel on each device, measured once a machine and remembered."""
-    identities = [_identity(info) for info in devices]
+    identities = [identity(info) for info in devices]
     key = "runtimes " + "; ".join(identities)
     try:
         known = {str(name): float(seconds) for name, seconds in recall(key).items()}
@@ -70,10 +70,6 @@ def _measured_seconds(devices: list[DeviceInfo]) -> dict[str, float]:
     known = {name: _time(info.device) for name, info in zip(identities, devices, strict=True)}
     remember(key, {name: min(seconds, 1e30) for name, seconds in known.items()})
     return known
-
-
-def _identity(info: DeviceInfo) -> str:
-    return f"{info.runtime} | {info.version} | {info.driver} | {info.name} | {info.compute_units}"
 
 
 def _time(device: cl.Device) -> float:

@@ -195,7 +195,7 @@ def tune(device: str | None, reset: bool) -> None:
 
     info = pick_device(_device(device))
     if reset:
-        forget(identity(info.device))
+        forget(identity(info))
         say(f"{info.name}: the usual shapes are used again")
         return
     with Progress() as progress:

@@ -114,7 +114,7 @@ def shape_for(device: cl.Device) -> Shape:
         DeviceError: MCDENOISE_SCHEDULE names no schedule.
     """
     possible = shapes(device)
-    found = recall(identity(device))
+    found = recall(identity(describe(-1, device)))
     return next((shape for shape in possible if shape_as_text(shape) == found), possible[0])
 
 
@@ -150,10 +150,9 @@ def shape_as_text(shape: Shape) -> str:
     return json.dumps(astuple(shape))
 
 
-def identity(device: cl.Device) -> str:
-    """A device and what drives it, in words."""
-    names = device.platform.name.strip(), device.version, device.driver_version, device.name
-    return " | ".join(name.strip() for name in names) + f" | {device.max_compute_units}"
+def identity(info: DeviceInfo) -> str:
+    """A device and what drives it, in words: what measurements on it are remembered under."""
+    return f"{info.runtime} | {info.version} | {info.driver} | {info.name} | {info.compute_units}"
 
 
 _contexts: dict[cl.Device, cl.Context] = {}

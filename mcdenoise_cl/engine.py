@@ -65,7 +65,7 @@ class Engine:
         self._constants: dict[bytes, cl.Buffer] = {}
         self._events: list[tuple[str, cl.Event]] = []
 
-    def reshape(self, shape: Shape) -> None:
+    def use_shape(self, shape: Shape) -> None:
         """Cut the work in another of `device.shapes` from now on."""
         self.shape = shape
         self._kernels.clear()

@@ -7,9 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pyopencl as cl
 
 from .api import Denoiser
 from .device import DeviceInfo, Shape, identity, shape_as_text, shapes
+from .errors import DeviceError
 from .frame import Frame
 from .measured import forget, remember
 
@@ -38,25 +40,30 @@ def tune(
         height, width: size of the frame that is filtered.
 
     Returns:
-        A trial for each shape that runs, the fastest first; the shape that is used from now on is the first one, unless
-        `shapes(info.device)[0]` is nearly as fast.
+        A trial for each shape that runs, the fastest first, which is used from now on, unless the one to expect most of
+        is nearly as fast.
 
     Raises:
-        DeviceError: the device cannot be opened.
+        DeviceError: the device cannot be opened, or runs none of the shapes.
     """
     frame, possible = _frame(height, width), shapes(info.device)
     denoisers = [Denoiser(height, width, method=method, device=info.device) for method in METHODS]
-    trials = []
+    trials, failure = [], None
     for number, shape in enumerate(possible):
-        trials.append(Trial(shape, sum(_seconds(denoiser, shape, frame) for denoiser in denoisers)))
+        try:
+            trials.append(Trial(shape, sum(_seconds(denoiser, shape, frame) for denoiser in denoisers)))
+        except (DeviceError, cl.Error) as error:  # a shape that asks too much of this device
+            failure = error
         if on_progress is not None:
             on_progress(number + 1, len(possible))
+    if not trials:
+        raise DeviceError(f"no shape of kernels runs on {info.name}: {failure}") from failure
     first = trials[0]
     trials.sort(key=lambda trial: trial.seconds)
     if trials[0].seconds < BETTER * first.seconds:
-        remember(identity(info.device), shape_as_text(trials[0].shape))
+        remember(identity(info), shape_as_text(trials[0].shape))
     else:
-        forget(identity(info.device))
+        forget(identity(info))
     return trials
 
 
@@ -70,7 +77,7 @@ def _frame(height: int, width: int) -> Frame:
 
 def _seconds(denoiser: Denoiser, shape: Shape, frame: Frame) -> float:
     """Of one frame on the host, the best of three once the kernels are built."""
-    denoiser.reshape(shape)
+    denoiser.use_shape(shape)
     denoiser(frame)
     times = []
     for _ in range(3):

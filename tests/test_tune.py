@@ -4,7 +4,7 @@ import inputs
 import numpy as np
 import pytest
 
-from mcdenoise_cl import Denoiser, Frame, measured, tune
+from mcdenoise_cl import Denoiser, DeviceError, Frame, measured, tune
 from mcdenoise_cl.choose import pick_device
 from mcdenoise_cl.device import SCHEDULE_VARIABLE, identity, shape_as_text, shape_for, shapes
 from mcdenoise_cl.measured import forget, recall, remember
@@ -25,7 +25,7 @@ def test_no_shape_changes_the_result(monkeypatch, schedule, method):
     results = []
     possible = shapes(denoiser.queue.device)
     for shape in (possible[0], possible[len(possible) // 2], possible[-1]):  # each takes kernels of its own
-        denoiser.reshape(shape)
+        denoiser.use_shape(shape)
         results.append(denoiser(frame))
     for other in results[1:]:
         np.testing.assert_allclose(other, results[0], rtol=1e-3, atol=1e-3)
@@ -46,10 +46,26 @@ def test_the_fastest_shape_is_remembered(monkeypatch):
 def test_a_shape_that_is_hardly_faster_is_not(monkeypatch):
     info = pick_device()
     possible = shapes(info.device)
-    remember(identity(info.device), shape_as_text(possible[-1]))
+    remember(identity(info), shape_as_text(possible[-1]))
     monkeypatch.setattr(tune, "_seconds", lambda _, shape, __: 1.0 if shape == possible[-1] else 1.01)
     tune.tune(info, height=8, width=8)
     assert shape_for(info.device) == possible[0]
+
+
+def test_shapes_that_fail_are_left_out(monkeypatch):
+    info = pick_device()
+    possible = shapes(info.device)
+
+    def seconds(_, shape, __):
+        if shape != possible[1]:
+            raise DeviceError("too large")
+        return 1.0
+
+    monkeypatch.setattr(tune, "_seconds", seconds)
+    assert [trial.shape for trial in tune.tune(info, height=8, width=8)] == [possible[1]]
+    monkeypatch.setattr(tune, "shapes", lambda _: possible[:1])
+    with pytest.raises(DeviceError, match=r"no shape of kernels runs on .*: too large"):
+        tune.tune(info, height=8, width=8)
 
 
 def test_tuning_runs(monkeypatch):
@@ -63,9 +79,9 @@ def test_tuning_runs(monkeypatch):
 
 @pytest.mark.parametrize("nonsense", ["", "[1, 2]", None, 7, '["tile", 3, [1, 1], [1, 1], [1, 1]]'])
 def test_nonsense_in_the_cache_is_passed_over(nonsense):
-    device = pick_device().device
-    assert remember(identity(device), nonsense)
-    assert shape_for(device) == shapes(device)[0]
+    info = pick_device()
+    assert remember(identity(info), nonsense)
+    assert shape_for(info.device) == shapes(info.device)[0]
 
 
 def test_a_broken_cache_is_nothing_remembered(tmp_path):

@@ -46,9 +46,11 @@ class Parameters(regression.Parameters):
     """Those of `regression` for the first pass, whose window may be smaller where another follows, and what the second
     pass and the choice need (bench/sweep.py)."""
 
-    search_radius: int = parameter(6, "the first fits use (2 r + 1)² pixels, and about half as wide", low=0, high=10)
-    wide_radius: int = parameter(3, "the second fit uses (2 r + 1)² pixels", low=1, high=7)
-    wide_stride: int = parameter(3, "and takes every so many-th of them", low=1, high=6)
+    search_radius: int = parameter(
+        6, "the first fits use discs of 2 r + 1 pixels across, and of half that", low=0, high=10
+    )
+    wide_radius: int = parameter(3, "the second fit uses a disc of 2 r + 1 pixels across", low=1, high=7)
+    wide_stride: int = parameter(3, "and takes every so many-th pixel", low=1, high=6)
     wide_bandwidth: float = parameter(1.8, "how far its colours may differ, in units of the noise left", low=1e-3)
     tracking: float = parameter(0.01, "part of the noise that the weights of the first pass follow", low=0.0, high=1.0)
     doubt: float = parameter(0.42, "how soon an uncertain choice becomes the usual mix", low=0.0)

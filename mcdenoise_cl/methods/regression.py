@@ -34,7 +34,7 @@ USES = (*FEATURES, *FEATURE_VARIANCES, *COLOR_VARIANCES)
 class Parameters:
     """Chosen by measurement (bench/sweep.py)."""
 
-    search_radius: int = parameter(7, "the fit uses (2 r + 1)² pixels", low=0, high=10)
+    search_radius: int = parameter(7, "the fit uses a disc of 2 r + 1 pixels across", low=0, high=10)
     patch_radius: int = parameter(2, "patches are (2 r + 1)² pixels, and half as wide", low=0, high=8)
     bandwidth: float = parameter(0.72, "how far colours may differ, in units of their noise", low=1e-3)
     ridge: float = parameter(0.02, "regularisation of every term, relative to its spread", low=1e-5)

@@ -16,7 +16,8 @@ GROUP_OUTPUTS = 2
 def prefilter(engine: Engine, feature: Planes, variance: Planes) -> tuple[Planes, Planes]:
     """A feature of one or three planes, and the variance of its pixel mean, to the filtered feature and its variance.
 
-    Search window 5x5, patches 3x3; the variance is clipped to 1 (features lie in [-1, 1]) and smoothed over 3x3.
+    The search window is a disc of 5 pixels across, patches are 3x3; the variance is clipped to 1 (features lie in
+    [-1, 1]) and smoothed over 3x3.
     """
     variance = box_mean(engine, clip(engine, variance, 0.0, 1.0), 1)
     border = SEARCH_RADIUS + PATCH_RADIUS

@@ -28,15 +28,15 @@ def first_order_regression(
     Args:
         tone: three planes, in which patches are compared. No plane here has a border.
         variance: one plane, the sum of the variances of `tone`.
-        terms: features, chosen for a reach of search_radius * stride; None for none.
+        terms: features, chosen for a reach of search_radius * stride or more; None for none.
         color: three planes to fit, or four: the fourth may be negative.
-        search_radius, stride: the window is every `stride`-th pixel, search_radius of them to each side.
+        search_radius, stride: the window is a disc of every `stride`-th pixel, search_radius of them to each side.
         bandwidth: weights fall to 0 at patch distances of 4 bandwidth², in units of the noise; mean of the weights for
             patch_radius and patch_radius // 2.
-        ridge: added to a term's own second moment, relative to it.
+        ridge: added to the second moment of a feature, or of a position, relative to it.
         noise_ridge: times a feature's variance, added relative to the sum of weights.
         position_ridge: added to the two position terms, relative to the sum of weights (positions span [-1, 1]).
-        with_inner: fit the middle of the window alone as well, search_radius // 2 to each side.
+        with_inner: fit the middle of the window alone as well, a disc of search_radius // 2 to each side.
 
     Returns:
         The fit of the whole window and, if asked for, that of its middle; as many planes as `color`.

@@ -1,0 +1,62 @@
+"""Whether `auto` does harm to a frame that is already converged: a reference, its features and a little noise.
+
+    python bench/converged.py [--frames FOLDER] [--noise 1e-4 1e-3]
+
+The noise of each pixel and channel is a part of its own value, drawn independently, and is known exactly: as a
+variance, as two half buffers, or as both. Prints the error of the result over that of its input; the reference, with
+what noise it has itself, is the truth. The error is the mean of (x - truth)² / (truth² + 1e-4).
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from frames import add_arguments, chosen_cases
+
+from mcdenoise_cl import Frame, denoise
+
+#: Column of the table -> which of the planes below the frame has.
+KNOWN = {
+    "variance": ("color_variance",),
+    "half buffers": ("color_a", "color_b"),
+    "both": ("color_variance", "color_a", "color_b"),
+}
+
+
+def converged(reference: Frame, noise: float) -> tuple[Frame, dict[str, np.ndarray]]:
+    """A reference with noise, its features, and everything there is to know of that noise."""
+    rng = np.random.default_rng(0)
+    truth = reference.color.astype(np.float32)
+    sigma = np.float32(noise) * np.abs(truth)
+    color, difference = (sigma * rng.standard_normal(truth.shape, np.float32) for _ in range(2))
+    color += truth
+    features = {name: plane for name, plane in reference.planes().items() if not name.startswith("color")}
+    known = {"color_variance": sigma**2, "color_a": color + difference, "color_b": color - difference}
+    return Frame(color, **features), known
+
+
+def error(image: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.mean((image - truth.astype(np.float64)) ** 2 / (truth.astype(np.float64) ** 2 + 1e-4)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_arguments(parser)
+    parser.add_argument("--noise", nargs="+", type=float, default=(1e-4, 1e-3), help="relative to each value")
+    options = parser.parse_args()
+    print(f"| | noise | {' | '.join(KNOWN)} |\n|:---|---:|{'---:|' * len(KNOWN)}")
+    references = {case.scene: case.reference for case in chosen_cases(options)}
+    for scene, reference in references.items():
+        for noise in options.noise:
+            frame, known = converged(reference, noise)
+            before = error(frame.color, reference.color)
+            ratios = []
+            for names in KNOWN.values():
+                given = Frame(**frame.planes(), **{name: known[name] for name in names})
+                ratios.append(f"{error(denoise(given), reference.color) / before:.4f}")
+            print(f"| {scene} | {noise:g} | {' | '.join(ratios)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
