@@ -1,6 +1,6 @@
 """The methods `regression` and `auto` from end to end in float64 NumPy, composed of the equations.
 
-The equations are those of `oracle_regression`, `oracle_choice` and `oracle_plausible`; only their order, and what is
+The equations are those of `oracle_regression`, `oracle_choice` and `oracle_shrink`; only their order, and what is
 estimated where a frame does not have it, is here.
 """
 
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from oracle import auto_exposure, box_mean, luminance
 from oracle_choice import compare, estimated_error, share
-from oracle_plausible import keep_plausible
 from oracle_regression import (
     depth_feature,
     first_order_regression,
@@ -23,6 +22,7 @@ from oracle_regression import (
     variance_from_halves,
     variance_from_image,
 )
+from oracle_shrink import shrink_to_input
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,6 @@ def denoise_auto(
     caution: float,
     keep: float,
     limit: float,
-    likely: float,
     smoothing_radius: int,
     outlier_limit: float | None = 1.1,
     spread_radius: int = 50,
@@ -187,7 +186,7 @@ def denoise_auto(
     i = share(g, q, radius=smoothing_radius, prior=1.0, doubt=keep, margin=caution, square=known)
     mixed = filtered + i[..., None] * (noisy - filtered)
     if "color_variance" in planes or "color_a" in planes:
-        mixed, i = keep_plausible(mixed, noisy, f.raw, i, likely)
+        mixed, i = shrink_to_input(mixed, noisy, f.raw, i)
     error = estimated_error(in_brief(filtered), in_brief(noisy), i, scale, radius=smoothing_radius)
     parts = np.stack([i, (1 - i) * n, (1 - i) * (1 - n) * (1 - w), (1 - i) * (1 - n) * w])
     image = mixed[..., :3]

@@ -30,7 +30,6 @@ FIRST = {"search_radius": 7, "patch_radius": 2, "bandwidth": 0.72}
 FIRST |= {"ridge": 0.02, "noise_ridge": 5.0, "position_ridge": 0.1}
 WIDE = {"wide_radius": 3, "wide_stride": 3, "wide_bandwidth": 1.8}
 CHOICE = {"tracking": 0.01, "doubt": 0.42, "caution": 0.1, "keep": 0.05, "limit": 1.0, "smoothing_radius": 4}
-CHOICE |= {"likely": 3.0}
 AUTO = FIRST | WIDE | CHOICE
 
 
@@ -109,7 +108,7 @@ def test_regression_matches_the_loops(noise, limit):
     if noise == "all":
         parts[2] = (parts[2][0], (variances["depth"] * scale**2 / (z + scale) ** 4)[..., None])
     denoised = ora.denoise_regression(color, scene | given, **SMALL, outlier_limit=limit, spread_radius=3)
-    significant = {"image": np.inf, "halves": 50.0}.get(noise, 5.0)
+    significant = {"image": np.inf}.get(noise, 4.0)
     assert_close(denoised, loop_denoise(color, e, variance, parts, limit, significant, 3, **SMALL), 1e-8)
 
 

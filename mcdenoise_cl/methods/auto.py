@@ -24,8 +24,8 @@ from ..stages.choice import (
 from ..stages.halves import difference_from_variance, difference_of_halves
 from ..stages.luminance import luminance_around
 from ..stages.pad import stack
-from ..stages.plausible import keep_plausible
 from ..stages.regression import first_order_regression
+from ..stages.shrink import shrink_to_input
 from ..stages.variance import channel_sum, clip, scale
 from . import regression
 from .parameters import parameter
@@ -63,10 +63,6 @@ KEEP = 0.05
 
 #: Residuals count up to so many standard deviations of the noise, whose tails are long.
 LIMIT = 1.0
-
-#: `likely` of `keep_plausible`, where the noise is known. At 2 some of the noise of smooth frames came back, whose
-#: variances are alike everywhere; a larger one lets more of what a wrong fit does through.
-LIKELY = 3.0
 
 
 def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
@@ -114,7 +110,7 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
     found = compare(engine, current, noisy, target, tracking=0.0, limit=LIMIT, known=True)
     input_share = mix_in(engine, current, noisy, found, prior=1.0, doubt=KEEP, margin=p.caution)
     if known or "color_a" in planes:
-        keep_plausible(engine, current, noisy, frame.raw_variance, input_share, likely=LIKELY)
+        shrink_to_input(engine, current, noisy, frame.raw_variance, input_share)
     error = partial(estimated_error, engine, filtered, target, input_share)
     shares = parts_of_mix(engine, wide_share, narrow_share, input_share)
     return finish(engine, frame, current.part(0, 3), p, terms, shares=shares, error=error)

@@ -23,11 +23,9 @@ FEATURES = ("albedo", "normal", "depth")
 FEATURE_VARIANCES = tuple(f"{name}_variance" for name in FEATURES)
 COLOR_VARIANCES = ("color_variance", "color_a", "color_b")
 
-#: An outlier that stands out by more than so many of its own standard deviations is a small light, or texture.
-SIGNIFICANT = 5.0
-#: The same for a deviation from two halves only, which agree by chance now and then: at 10 of them the error of 32
-#: samples rose by 8 %, at 50 by less than 1 %. In the image alone nothing tells a light from a firefly.
-SIGNIFICANT_BETWEEN_HALVES = 50.0
+#: An outlier that stands out by more than so many standard deviations is a small light, or texture. In the image alone
+#: nothing tells a light from a firefly.
+SIGNIFICANT = 4.0
 
 
 def color_variance(engine: Engine, planes: dict[str, Planes], color: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
@@ -44,12 +42,8 @@ def hold_back_outliers(
     engine: Engine, planes: dict[str, Planes], color: Planes, variance: Planes, limit: float
 ) -> tuple[Planes, Planes]:
     """`scale_outliers`, in place, for a frame with these planes: what was removed, and the factor of each pixel."""
-    significant = math.inf
-    if "color_variance" in planes:
-        significant = SIGNIFICANT
-    elif "color_a" in planes:
-        significant = SIGNIFICANT_BETWEEN_HALVES
-    return scale_outliers(engine, color, variance, limit, significant)
+    known = "color_variance" in planes or "color_a" in planes
+    return scale_outliers(engine, color, variance, limit, SIGNIFICANT if known else math.inf)
 
 
 def plain_feature(engine: Engine, planes: dict[str, Planes], name: str) -> tuple[Planes, Planes | None]:

@@ -16,15 +16,16 @@ def scale_outliers(
     """Scale pixels brighter than `limit` times the brightest of their eight neighbours down to that, in place.
 
     `variance` (three planes, of the pixel mean) is scaled with its colour. A pixel that stands out of its neighbours by
-    more than `significant` of its own standard deviations stays: it is no outlier but a small light.
+    more than `significant` standard deviations stays: it is no outlier but a small light, or texture. Its deviation is
+    its own or, if that is larger, the mean over 3x3 pixels relative to their brightness: two halves agree by chance.
 
     Returns:
         What was removed: three planes, 0 where nothing was; and the factor of each pixel, one plane.
     """
     height, width = color.height, color.width
     size = engine.vectors(width), height
-    bright = engine.planes(1, height, width)
-    engine.launch("outliers", engine.kernel("outliers.cl", "brightest"), size, color, height, width, bright)
+    bright = engine.planes(2, height, width)
+    engine.launch("outliers", engine.kernel("outliers.cl", "brightest"), size, color, variance, height, width, bright)
     factor, removed = engine.planes(1, height, width), engine.planes(3, height, width)
     arguments = pad(engine, bright, 1), color, variance, height, width, float(limit), float(significant)
     engine.launch("outliers", engine.kernel("outliers.cl", "hold_back"), size, *arguments, factor, removed)

@@ -1,0 +1,31 @@
+"""A filtered frame drawn back to its input where the input's noise cannot explain what the filter changed."""
+
+from __future__ import annotations
+
+from ..engine import Engine, Planes
+
+#: Pixels of a block, squared, over which means are taken, and planes of such means.
+BLOCK, MEANS = 8, 8
+
+
+def shrink_to_input(engine: Engine, filtered: Planes, frame: Planes, variance: Planes, share: Planes) -> None:
+    """Mix the input in, channel by channel, as far as the filtered frame lies further from it than noise explains.
+
+    The mix has the least error (James and Stein 1961, "Estimation with Quadratic Loss"). In place; where blocks of 8x8
+    pixels lie as near to their input as they should, nothing changes, to the last bit.
+
+    Args:
+        filtered, frame: the filtered frame and its input, three colours and a half difference each, exposed.
+        variance: of the input's pixels, three planes, not smoothed.
+        share: the input's share in `filtered`, one plane; raised where the input comes back.
+    """
+    height, width = frame.height, frame.width
+    down, across = -(-height // BLOCK), -(-width // BLOCK)
+    means, shares = engine.planes(MEANS, down, across), engine.planes(3, down, across)
+
+    def launch(name: str, size: tuple[int, ...], *arguments) -> None:
+        engine.launch("shrink", engine.kernel("shrink.cl", name), size, *arguments)
+
+    launch("block_means", (across, down), filtered, frame, variance, height, width, means)
+    launch("block_shares", (across, down, 3), means, down, across, shares)
+    launch("shrink", (engine.vectors(width), height), filtered, frame, shares, height, width, share)
