@@ -165,9 +165,9 @@ kernel void box_fit_blocks(CONST_PLANES(light), CONST_PLANES(color),
 
 /* The groups of the 2 RADIUS + 1 blocks around each block of a column as one; transposed, so that the next step, along
  * rows, goes along columns too. A work-item makes 2 RADIUS + 1 windows of WIDTH columns. */
-kernel void box_fit_columns(CONST_PLANES(group), int height, int width, PLANES(out))
+kernel void box_fit_columns(CONST_PLANES(group), int height, int width, int phase, PLANES(out))
 {
-    const int x = get_global_id(0) * WIDTH, first = (int)get_global_id(1) * SIDE - RADIUS;
+    const int x = get_global_id(0) * WIDTH, first = (int)get_global_id(1) * SIDE - phase - RADIUS;
     if (x >= width || first + RADIUS >= height)
         return;
     Group ends[SIDE], beginning, window;
@@ -175,6 +175,8 @@ kernel void box_fit_columns(CONST_PLANES(group), int height, int width, PLANES(o
     for (int i = 0; i < SIDE && first + RADIUS + i < height; i++) {
         const int y = first + RADIUS + i;
         NEXT_WINDOW(i);
+        if (y < 0)
+            continue;
         STORE_TRANSPOSED(window.weight, out, 0, y, x, width);
         for (int v = 0; v < VARIABLES; v++)
             STORE_TRANSPOSED(window.mean[v], out, MEAN(v), y, x, width);

@@ -57,10 +57,13 @@ inline void replacement(SOURCE_ARGUMENTS, int height, int width, int y, int x, f
             }
 }
 
-kernel void door(SOURCE_ARGUMENTS, int height, int width, PLANES(out), volatile global int *restrict bad, int slot)
+/* Rows `start` to `stop` of a source of `height` rows. Of its replaced pixels those count that lie in rows `first` to
+ * `last`. */
+kernel void door(SOURCE_ARGUMENTS, int height, int width, int start, int stop, int first, int last, PLANES(out),
+                 volatile global int *restrict bad, int slot)
 {
-    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
-    if (x >= width || y >= height)
+    const int x = get_global_id(0) * WIDTH, y = start + get_global_id(1);
+    if (x >= width || y >= stop)
         return;
     if (x + WIDTH <= width) {
         float value[CHANNELS][WIDTH];
@@ -72,17 +75,18 @@ kernel void door(SOURCE_ARGUMENTS, int height, int width, PLANES(out), volatile 
             zero += LOAD(value[c]) * 0.f; /* NaN where a value is not finite */
         if (ALL(zero == (vec)(0.f))) {
             for (int c = 0; c < CHANNELS; c++)
-                STORE(LOAD(value[c]), out + INDEX(out, c, y, x));
+                STORE(LOAD(value[c]), out + INDEX(out, c, y - start, x));
             return;
         }
     }
     for (int i = 0; i < WIDTH && x + i < width; i++) {
         float value[CHANNELS];
         if (!pixel_at(source, offset, row, column, channel, y, x + i, value)) {
-            atomic_inc(bad + slot);
+            if (y >= first && y < last)
+                atomic_inc(bad + slot);
             replacement(source, offset, row, column, channel, height, width, y, x + i, value);
         }
         for (int c = 0; c < CHANNELS; c++)
-            AT(out, c, y, x + i) = value[c];
+            AT(out, c, y - start, x + i) = value[c];
     }
 }

@@ -6,7 +6,8 @@
  */
 #include "common.h"
 
-kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, global float *restrict row_sum,
+/* Rows that follow row `first` of the frame. */
+kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, int first, global float *restrict row_sum,
                                global int *restrict row_count)
 {
     const int y = get_global_id(0);
@@ -28,8 +29,8 @@ kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, globa
                 count++;
             }
     }
-    row_sum[y] = sum;
-    row_count[y] = count;
+    row_sum[first + y] = sum;
+    row_count[first + y] = count;
 }
 
 kernel void exposure_from_rows(global const float *restrict row_sum, global const int *restrict row_count,

@@ -25,13 +25,14 @@ inline uint scrambled(uint v)
 
 /* They are not: a normal random number of the variance that the pixel has. c + n and c - n have twice the noise of c
  * and no covariance, since n has the variance of c (Oliveira et al. 2021). The channels share their noise, as those of
- * a path do. The same pixel always gets the same number. */
-kernel void difference_from_variance(CONST_PLANES(variance), int height, int width, PLANES(out))
+ * a path do. The same pixel of a frame, of which
+ * these planes begin with row `first`, always gets the same number. */
+kernel void difference_from_variance(CONST_PLANES(variance), int height, int width, int first, PLANES(out))
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const uint one = scrambled(2 * (y * 65536 + x) + 1), two = scrambled(one + 0x9e3779b9U);
+    const uint one = scrambled(2 * ((first + y) * 65536 + x) + 1), two = scrambled(one + 0x9e3779b9U);
     const float radius = sqrt(-2.f * log(((one >> 8) + 0.5f) / 16777216.f));
     const float normal = radius * cospi(2.f * ((two >> 8) + 0.5f) / 16777216.f);
     const float deviation = 0.2126f * sqrt(fmax(AT(variance, 0, y, x), 0.f)) + 0.7152f * sqrt(fmax(AT(variance, 1, y, x), 0.f)) +

@@ -5,9 +5,11 @@
  */
 #include "common.h"
 
-kernel void laplacian_rows(CONST_PLANES(in), int channels, int height, int width, global float *restrict row_sum)
+/* Rows from `first` on, which are rows from `to` on of a frame of `rows`; one work-item each. */
+kernel void laplacian_rows(CONST_PLANES(in), int height, int width, int first, int to, int rows,
+                           global float *restrict row_sum)
 {
-    const int y = get_global_id(0), c = get_global_id(1);
+    const int y = first + get_global_id(0), c = get_global_id(1);
     if (y >= height)
         return;
     const int up = reflect(y - 1, height), down = reflect(y + 1, height);
@@ -44,7 +46,7 @@ kernel void laplacian_rows(CONST_PLANES(in), int channels, int height, int width
         sum = next;
         x += inside ? WIDTH : 1;
     }
-    row_sum[c * height + y] = sum;
+    row_sum[c * rows + to + get_global_id(0)] = sum;
 }
 
 kernel void noise_from_rows(global const float *restrict row_sum, int channels, int height, int width,

@@ -4,7 +4,7 @@
  */
 #include "common.h"
 
-/* The mean of each block, of three planes. */
+/* The mean of each block, of each plane. */
 kernel void block_means(CONST_PLANES(in), int height, int width, PLANES(out))
 {
     const int bx = get_global_id(0), by = get_global_id(1), c = get_global_id(2);
@@ -18,19 +18,15 @@ kernel void block_means(CONST_PLANES(in), int height, int width, PLANES(out))
     AT(out, c, by, bx) = sum / ((bottom - by * SCALE) * (right - bx * SCALE));
 }
 
-/* The mean brightness of each block once half of the removed light is back. */
-kernel void brightness(CONST_PLANES(image), CONST_PLANES(removed), int height, int width, PLANES(out))
+/* The mean brightness of each block, of the means of a block's colours, once half of the removed light is back. */
+kernel void brightness(CONST_PLANES(blocks), CONST_PLANES(removed), int down, int across, PLANES(out))
 {
     const int bx = get_global_id(0), by = get_global_id(1);
-    if (bx * SCALE >= width || by * SCALE >= height)
+    if (bx >= across || by >= down)
         return;
-    const int right = min((bx + 1) * SCALE, width), bottom = min((by + 1) * SCALE, height);
-    float sum = 0.f;
-    for (int y = by * SCALE; y < bottom; y++)
-        for (int x = bx * SCALE; x < right; x++)
-            sum += AT(image, 0, y, x) + AT(image, 1, y, x) + AT(image, 2, y, x);
+    const float own = AT(blocks, 0, by, bx) + AT(blocks, 1, by, bx) + AT(blocks, 2, by, bx);
     const float back = AT(removed, 0, by, bx) + AT(removed, 1, by, bx) + AT(removed, 2, by, bx);
-    AT(out, 0, by, bx) = (sum / ((bottom - by * SCALE) * (right - bx * SCALE)) + 0.5f * back) / 3.f;
+    AT(out, 0, by, bx) = (own + 0.5f * back) / 3.f;
 }
 
 /* Where pixel i of a block lies: this far from one block's middle to the next, of the pair that begins `before` it. */
@@ -45,17 +41,18 @@ inline float between_blocks(int i, int *before)
 #define BLOCK_AT(y, x) \
     (float4)(AT(removed, 0, y, x), AT(removed, 1, y, x), AT(removed, 2, y, x), AT(bright, 0, y, x))
 
-/* A work-item takes SCALE pixels of a row. */
-kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(bright), int height, int width,
-                      PLANES(out))
+/* A work-item takes SCALE pixels of a row. The image is rows `first` to `first + rows` of a frame of `height`. */
+kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(bright), int height, int width, int first,
+                      int rows, PLANES(out))
 {
     const int bx = get_global_id(0), y = get_global_id(1);
     const int last = (width - 1) / SCALE, bottom = (height - 1) / SCALE;
-    if (bx > last || y >= height)
+    if (bx > last || y >= rows)
         return;
     int before;
-    const float down = between_blocks(y % SCALE, &before);
-    const int top = max(y / SCALE - before, 0), next = min(y / SCALE - before + 1, bottom);
+    const float down = between_blocks((first + y) % SCALE, &before);
+    const int row = (first + y) / SCALE - before;
+    const int top = max(row, 0), next = min(row + 1, bottom);
     float4 blocks[3]; /* left, own, right */
     for (int i = 0; i < 3; i++) {
         const int x = clamp(bx + i - 1, 0, last);

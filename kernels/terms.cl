@@ -60,10 +60,10 @@ inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int 
 
 /* For each block what terms.h says, of the block and `reach` pixels around. A feature is left out whose variance is not
  * above least_variance, or not above least_signal times that of its noise; then likewise a component, with
- * least_direction. used[a] counts the blocks that use feature a. */
+ * least_direction. used[a] counts the blocks that use feature a, of those in the rows counted. */
 kernel void choose_terms(CONST_PLANES(feature), CONST_PLANES(noise), int height, int width, int reach,
-                         float least_variance, float least_signal, float least_direction, global float *restrict blocks,
-                         global int *restrict used)
+                         float least_variance, float least_signal, float least_direction, int counted_from,
+                         int counted_to, global float *restrict blocks, global int *restrict used)
 {
     const int bx = get_global_id(0), by = get_global_id(1);
     const int x0 = bx * BLOCK_COLUMNS, y0 = by * BLOCK_ROWS;
@@ -78,7 +78,7 @@ kernel void choose_terms(CONST_PLANES(feature), CONST_PLANES(noise), int height,
                 left[a] += AT(noise, a, y, x);
         left[a] /= (right - x0) * (bottom - y0);
         if (m[a][a] > least_variance && m[a][a] > least_signal * left[a])
-            atomic_inc(used + a);
+            atomic_add(used + a, y0 >= counted_from && y0 < counted_to);
         else
             for (int b = 0; b < FEATURES; b++)
                 m[a][b] = m[b][a] = 0.f;

@@ -9,17 +9,17 @@ import numpy as np
 import pyopencl as cl
 import pyopencl.array as cl_array
 
+from .bands import Filtered, budget_of, fewer_rows, filter_frame, first_guess, least_rows
 from .choose import pick_device
 from .details import Denoised, Report, error_map, make_report, model_map
 from .device import Shape, context_for
-from .engine import Engine, Planes
-from .errors import DeviceError, FrameError, ParameterError
+from .engine import Engine
+from .errors import DeviceError, FrameError, NoRoomError, ParameterError
 from .frame import PLANES, Frame
 from .methods import Method, get_method, settle
 from .methods.parameters import make
-from .methods.result import Result
-from .stages.door import Strided, door, strided, upload
-from .stages.exit import leave
+from .stages.door import Strided, strided, upload
+from .stages.source import Source
 
 
 class Denoiser:
@@ -33,6 +33,8 @@ class Denoiser:
         preset: "fast", "balanced" or "high" instead of a method; "high" if neither is given.
         device: index, part of a name, or `pyopencl.Device`; None: see `mcdenoise_cl.choose.pick_device`.
         queue: an in-order `pyopencl.CommandQueue` to work on instead, in the caller's context.
+        max_memory_mb: MiB that may be kept at a time besides input and output; a frame that needs more is filtered in
+            bands of rows, to the same result. None: what the device has, or half of it where that is the host's.
         **parameters: the method's, by name.
 
     Raises:
@@ -57,9 +59,13 @@ class Denoiser:
         preset: str | None = None,
         device: str | int | cl.Device | None = None,
         queue: cl.CommandQueue | None = None,
+        max_memory_mb: int | None = None,
         **parameters: Any,
     ) -> None:
-        for name, value in (("height", height), ("width", width)):
+        sizes = {"height": height, "width": width}
+        if max_memory_mb is not None:
+            sizes["max_memory_mb"] = max_memory_mb
+        for name, value in sizes.items():
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
                 raise ParameterError(f"{name} is {value!r} but a whole number of at least 1 is needed")
         self.height, self.width = int(height), int(width)
@@ -75,7 +81,9 @@ class Denoiser:
             )
         self._engine = Engine(queue)
         self._lock = threading.Lock()
-        self._last: tuple[Result, tuple[str, ...], cl.MemoryObjectHolder] | None = None
+        self._engine.budget = budget_of(self._engine.device, max_memory_mb)
+        self._rows = first_guess(self.height, self.width, self._engine.budget, self._least_rows)
+        self._last: tuple[Filtered, tuple[str, ...], cl.MemoryObjectHolder] | None = None
 
     @property
     def queue(self) -> cl.CommandQueue:
@@ -95,8 +103,9 @@ class Denoiser:
             ParameterError: no frame has been denoised yet.
         """
         with self._lock:
-            result, names, bad = self._last_frame()
-            return make_report(self._engine, self.method, self.parameters, result, self._replaced(names, bad))
+            found, names, bad = self._last_frame()
+            replaced = self._replaced(names, bad)
+            return make_report(self._engine, self.method, self.parameters, found.result, found.summaries, replaced)
 
     @property
     def model_map(self) -> np.ndarray | None:
@@ -106,7 +115,7 @@ class Denoiser:
             ParameterError: no frame has been denoised yet.
         """
         with self._lock:
-            return model_map(self._engine, self._last_frame()[0])
+            return model_map(self._last_frame()[0].summaries())
 
     @property
     def error_map(self) -> np.ndarray | None:
@@ -116,9 +125,9 @@ class Denoiser:
             ParameterError: no frame has been denoised yet.
         """
         with self._lock:
-            return error_map(self._engine, self._last_frame()[0])
+            return error_map(self._last_frame()[0].summaries())
 
-    def _last_frame(self) -> tuple[Result, tuple[str, ...], cl.MemoryObjectHolder]:
+    def _last_frame(self) -> tuple[Filtered, tuple[str, ...], cl.MemoryObjectHolder]:
         if self._last is None:
             raise ParameterError("there is no report yet: denoise a frame first")
         return self._last
@@ -180,20 +189,21 @@ class Denoiser:
             for name, plane in self._used(frame).items():
                 arrays[name], host = upload(engine, plane)
                 alive.append(host)
-            return self._download(self._filter(arrays), frame, out)
+            return self._download(arrays, frame, out)
         except BaseException:
             engine.queue.finish()
             raise
 
-    def _download(self, color: Planes, frame: Frame, out: np.ndarray | None) -> np.ndarray:
-        if self._replaced(*self._last[1:]).get("color") == self.height * self.width:
-            raise FrameError("color has no finite pixel: there is nothing to denoise, so look at the renderer")
+    def _download(self, arrays: dict[str, Strided], frame: Frame, out: np.ndarray | None) -> np.ndarray:
         wanted = np.dtype(frame.color.dtype) if out is None else out.dtype
         dtype = np.dtype("f4") if wanted == np.float64 else wanted
+        size = 3 * self.height * self.width * dtype.itemsize
+        target = Strided(self._engine.frame_memory(size), dtype, 3, 0, (3 * self.width, 3, 1))
+        self._filter(arrays, target)
+        if self._replaced(*self._last[1:]).get("color") == self.height * self.width:
+            raise FrameError("color has no finite pixel: there is nothing to denoise, so look at the renderer")
         direct = out is not None and out.dtype == dtype and out.flags.c_contiguous
         result = out if direct else np.empty((self.height, self.width, 3), dtype)
-        target = Strided(self._engine.memory(result.nbytes), dtype, 3, 0, (3 * self.width, 3, 1))
-        leave(self._engine, color, target)
         cl.enqueue_copy(self.queue, result, target.buffer, is_blocking=True)
         if out is None:
             return result.astype(wanted, copy=False)
@@ -217,23 +227,43 @@ class Denoiser:
             cl.enqueue_barrier(engine.queue, wait_for=waits)
         engine.start()
         used.pop("out", None)
-        color = self._filter({name: strided(array) for name, array in used.items()})
         if out is None:
             out = cl_array.empty(engine.queue, (self.height, self.width, 3), frame.color.dtype)
-        leave(engine, color, strided(out))
+        self._filter({name: strided(array) for name, array in used.items()}, strided(out))
         out.add_event(cl.enqueue_marker(engine.queue))
         return out
 
-    def _filter(self, arrays: dict[str, Strided]) -> Planes:
-        engine = self._engine
-        names = tuple(arrays)
-        bad = engine.zeros(len(PLANES))
-        planes = {}
-        for i, (name, array) in enumerate(arrays.items()):
-            planes[name] = door(engine, array, self.height, self.width, bad, i)
-        result = self.method.run(engine, planes, self.parameters)
-        self._last = (result, names, bad)
-        return result.color
+    def _filter(self, arrays: dict[str, Strided], target: Strided) -> None:
+        """Fewer rows at a time until there is room for them; how many is remembered for the next frame."""
+        engine, method, p = self._engine, self.method, self.parameters
+        self._last = None  # what it keeps takes room
+        while True:
+            bad = engine.zeros(len(PLANES))
+            source = Source(engine, arrays, self.height, self.width, bad, self._rows)
+            try:
+                found = filter_frame(engine, method, source, p, target)
+                break
+            except NoRoomError as error:
+                rows = fewer_rows(self._rows, self._least_rows)
+                if rows is None:
+                    raise self._no_room(error) from error
+                self._rows = rows
+            del source, bad
+            engine.release()
+        self._last = found, tuple(arrays), bad
+
+    @property
+    def _least_rows(self) -> int:
+        return min(self.height, least_rows(self._engine, self.method, self.parameters))
+
+    def _no_room(self, error: NoRoomError) -> NoRoomError:
+        """Even for a few rows."""
+        if self._engine.budget is None:
+            return error
+        return NoRoomError(
+            f"max_memory_mb is {self._engine.budget / 2**20:.0f}, which is no room for {self._rows} rows of "
+            f"{self.width} pixels with method {self.method.name!r}: allow more, or choose a faster preset"
+        )
 
     def _replaced(self, names: tuple[str, ...], bad: cl.MemoryObjectHolder) -> dict[str, int]:
         counts = np.empty(len(PLANES), np.int32)
@@ -270,6 +300,7 @@ def denoise(
     device: str | int | cl.Device | None = None,
     out: Any = None,
     details: bool = False,
+    max_memory_mb: int | None = None,
     **parameters: Any,
 ) -> Any:
     """Denoise one Monte Carlo rendering.
@@ -285,6 +316,7 @@ def denoise(
         device: index, part of a name, or `pyopencl.Device`, for NumPy input; None: the default device.
         out: an array of the same shape and side to write the result to.
         details: return a `Denoised`, with the maps of what was used where and of the estimated error.
+        max_memory_mb: MiB that may be kept at a time besides input and output; see `Denoiser`.
         **parameters: the method's, by name: see `methods()`.
 
     Returns:
@@ -329,6 +361,7 @@ def denoise(
         preset=preset,
         device=device,
         queue=queue,
+        max_memory_mb=max_memory_mb,
         **parameters,
     )
     image = denoiser(frame, out=out)

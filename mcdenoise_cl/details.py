@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from .methods import Method
 from .methods.auto import CANDIDATES
 from .methods.result import Result
 from .stages.mean import plane_means
+from .stages.rows import Rows
 
 
 @dataclass(frozen=True)
@@ -68,10 +70,66 @@ class Denoised:
     candidates: tuple[str, ...] = CANDIDATES
 
 
-def make_report(engine: Engine, method: Method, parameters: Any, result: Result, replaced: dict[str, int]) -> Report:
-    """Read what a method found from the device; waits for it."""
+@dataclass(frozen=True)
+class Summary:
+    """What a report and the maps need of one band.
+
+    Attributes:
+        rows: how many it has.
+        removed, kept, shares, error: means over it, one float a plane, on the device; None where there are none.
+        used, blocks: for each plane of features the blocks that used it, on the device, of so many; None without.
+        model_map, error_map: as in `Denoised`.
+    """
+
+    rows: int
+    removed: cl.MemoryObjectHolder | None
+    kept: cl.MemoryObjectHolder | None
+    shares: cl.MemoryObjectHolder | None
+    error: cl.MemoryObjectHolder | None
+    used: cl.MemoryObjectHolder | None
+    blocks: int
+    model_map: np.ndarray | None
+    error_map: np.ndarray | None
+
+
+def summarise(engine: Engine, result: Result, rows: Rows) -> Summary:
+    """Of the wanted rows of a result. Waits for them."""
+
+    def means(planes: Planes | None) -> cl.MemoryObjectHolder | None:
+        return None if planes is None else plane_means(engine, rows.wanted(planes))
+
+    error = result.error() if result.error else None
+    return Summary(
+        rows.last - rows.first,
+        means(result.removed),
+        means(result.kept) if result.removed else None,
+        means(result.shares),
+        means(error),
+        result.terms.used if result.terms else None,
+        result.terms.counted if result.terms else 0,
+        None if result.shares is None else _download(engine, rows.wanted(result.shares)).argmax(0).astype(np.uint8),
+        None if error is None else _download(engine, rows.wanted(error))[0],
+    )
+
+
+def make_report(
+    engine: Engine,
+    method: Method,
+    parameters: Any,
+    result: Result,
+    summaries: Callable[[], list[Summary]],
+    replaced: dict[str, int],
+) -> Report:
+    """Read what a method found from the device; waits for it.
+
+    Args:
+        result: of the frame, or of any of its bands: exposure, noise level and features are those of the frame.
+        summaries: one a band.
+    """
     stage_ms = engine.stage_times()  # before what follows adds to it
-    device = engine.device
+    device, parts = engine.device, summaries()
+    shares = _mean(engine, parts, "shares", len(CANDIDATES))
+    error = _mean(engine, parts, "error", 1)
     return Report(
         method=method.name,
         parameters=asdict(parameters),
@@ -79,44 +137,48 @@ def make_report(engine: Engine, method: Method, parameters: Any, result: Result,
         exposure=float(_values(engine, result.exposure, 1)[0]),
         noise_level=float(_values(engine, result.noise_level, 1)[0]),
         replaced=replaced,
-        energy_removed=_energy_removed(engine, result),
-        features_used=_features_used(engine, result),
-        shares=dict(zip(CANDIDATES, _means(engine, result.shares), strict=True)) if result.shares else {},
-        estimated_error=_means(engine, result.error())[0] if result.error else None,
+        energy_removed=_energy_removed(engine, parts),
+        features_used=_features_used(engine, result.feature_names, parts),
+        shares=dict(zip(CANDIDATES, shares, strict=True)) if shares else {},
+        estimated_error=error[0] if error else None,
         stage_ms=stage_ms,
     )
 
 
-def model_map(engine: Engine, result: Result) -> np.ndarray | None:
+def model_map(parts: list[Summary]) -> np.ndarray | None:
     """(H, W): index of the candidate with the largest share; the simplest of equals."""
-    return None if result.shares is None else _download(engine, result.shares).argmax(0).astype(np.uint8)
+    return None if parts[0].model_map is None else np.concatenate([part.model_map for part in parts])
 
 
-def error_map(engine: Engine, result: Result) -> np.ndarray | None:
+def error_map(parts: list[Summary]) -> np.ndarray | None:
     """(H, W): the estimated relative squared error."""
-    return None if result.error is None else _download(engine, result.error())[0]
+    return None if parts[0].error_map is None else np.concatenate([part.error_map for part in parts])
 
 
-def _energy_removed(engine: Engine, result: Result) -> float:
-    if result.removed is None:
+def _mean(engine: Engine, parts: list[Summary], name: str, count: int) -> list[float] | None:
+    """The mean over the frame, of each plane; None where there is none."""
+    if getattr(parts[0], name) is None:
+        return None
+    values = [part.rows * _values(engine, getattr(part, name), count).astype(float) for part in parts]
+    return (sum(values) / sum(part.rows for part in parts)).tolist()
+
+
+def _energy_removed(engine: Engine, parts: list[Summary]) -> float:
+    if parts[0].removed is None:
         return 0.0
-    removed, kept = (sum(_means(engine, planes)) for planes in (result.removed, result.kept))
+    removed, kept = (sum(_mean(engine, parts, name, 3)) for name in ("removed", "kept"))
     return removed / (removed + kept) if removed > 0 else 0.0
 
 
-def _features_used(engine: Engine, result: Result) -> dict[str, float]:
+def _features_used(engine: Engine, names: tuple[str, ...], parts: list[Summary]) -> dict[str, float]:
     """A feature of three planes counts as used where one of them is: the largest part of the three."""
-    if result.terms is None:
+    if parts[0].used is None:
         return {}
-    counts = _values(engine, result.terms.used, len(result.feature_names), np.int32)
-    parts: dict[str, float] = {}
-    for name, count in zip(result.feature_names, counts, strict=True):
-        parts[name] = max(parts.get(name, 0.0), int(count) / (result.terms.across * result.terms.down))
-    return parts
-
-
-def _means(engine: Engine, planes: Planes) -> list[float]:
-    return _values(engine, plane_means(engine, planes), planes.channels).tolist()
+    counts = sum(_values(engine, part.used, len(names), np.int32) for part in parts)
+    used: dict[str, float] = {}
+    for name, count in zip(names, counts, strict=True):
+        used[name] = max(used.get(name, 0.0), int(count) / sum(part.blocks for part in parts))
+    return used
 
 
 def _values(engine: Engine, buffer: cl.MemoryObjectHolder, count: int, dtype: type = np.float32) -> np.ndarray:
@@ -131,4 +193,4 @@ def _download(engine: Engine, planes: Planes) -> np.ndarray:
     full = np.empty((planes.channels, rows, planes.row), np.float32)
     offset = 4 * planes.first * planes.plane
     cl.enqueue_copy(engine.queue, full, planes.buffer, src_offset=offset, is_blocking=True)
-    return full[:, : planes.height, : planes.width]
+    return full[:, planes.top : planes.top + planes.height, : planes.width]

@@ -11,10 +11,10 @@ import pyopencl.tools
 
 from . import program
 from .device import Shape, shape_for
-from .errors import DeviceError
+from .errors import DeviceError, NoRoomError
 
 # The widest tile of any device: planes are allocated up to whole tiles, so that a kernel may store whole vectors.
-_COLUMNS, _ROWS, _SLACK = 64, 16, 16
+COLUMNS, ROWS, _SLACK = 64, 16, 16
 
 
 def _round_up(n: int, to: int) -> int:
@@ -33,15 +33,20 @@ class Planes:
     row: int
     plane: int
     first: int = 0
+    top: int = 0
 
     def part(self, first: int, channels: int) -> Planes:
         """Some of the planes, in the same memory."""
         return replace(self, channels=channels, first=self.first + first)
 
+    def rows(self, top: int, height: int) -> Planes:
+        """Some of the rows, in the same memory."""
+        return replace(self, top=self.top + top, height=height)
+
     @property
     def arguments(self) -> tuple:
         """The four arguments that PLANES(p) in common.h stands for."""
-        origin = self.first * self.plane + self.border * self.row + self.border
+        origin = self.first * self.plane + (self.border + self.top) * self.row + self.border
         return self.buffer, np.int32(origin), np.int32(self.row), np.int32(self.plane)
 
 
@@ -61,6 +66,9 @@ class Engine:
         self.shape = shape_for(queue.device)
         self.profiling = bool(queue.properties & cl.command_queue_properties.PROFILING_ENABLE)
         self._pool = cl.tools.MemoryPool(cl.tools.ImmediateAllocator(queue))
+        self._frames = cl.tools.MemoryPool(cl.tools.ImmediateAllocator(queue))
+        #: Bytes that the pool may hold; None for as many as the device has.
+        self.budget: int | None = None
         self._kernels: dict[tuple, cl.Kernel] = {}
         self._constants: dict[bytes, cl.Buffer] = {}
         self._events: list[tuple[str, cl.Event]] = []
@@ -101,21 +109,43 @@ class Engine:
         """Bytes from the pool, uninitialised.
 
         Raises:
-            DeviceError: the device has no room for them.
+            NoRoomError: the device has no room for them, or the budget.
         """
+        memory = self._allocate(self._pool, size)
+        if self.budget is not None and self.held > self.budget:
+            self.queue.finish()
+            self._pool.free_held()
+            if self.held > self.budget:
+                raise NoRoomError(f"{self.budget / 2**20:.0f} MiB are no room for another {size / 2**20:.0f} MiB")
+        return memory
+
+    def frame_memory(self, size: int) -> cl.MemoryObjectHolder:
+        """Bytes for what goes in or comes out, which the budget is not about."""
+        return self._allocate(self._frames, size)
+
+    def _allocate(self, pool: cl.tools.MemoryPool, size: int) -> cl.MemoryObjectHolder:
         try:
-            return self._pool.allocate(size)
+            return pool.allocate(size)
         except cl.MemoryError as error:
-            raise DeviceError(
-                f"{self.device.name.strip()} has no room for another {size / 2**20:.0f} MiB "
-                f"(its memory is {self.device.global_mem_size / 2**20:.0f} MiB): denoise a smaller frame, "
+            raise NoRoomError(
+                f"{self.device.name.strip()} has no room for another {size / 2**20:.0f} MiB: pass a smaller frame, "
                 "or choose another device"
             ) from error
 
+    @property
+    def held(self) -> int:
+        """Bytes that the pool holds, in use or not."""
+        return self._pool.managed_bytes
+
+    def release(self) -> None:
+        """Give back what the pool holds and nobody uses."""
+        self.queue.finish()
+        self._pool.free_held()
+
     def planes(self, channels: int, height: int, width: int, border: int = 0) -> Planes:
         """Uninitialised planes. Rows and columns are readable and writable up to the next whole tile."""
-        row = _round_up(width, _COLUMNS) + 2 * border + (_SLACK if border else 0)
-        plane = row * (_round_up(height, _ROWS) + 2 * border)
+        row = _round_up(width, COLUMNS) + 2 * border + (_SLACK if border else 0)
+        plane = row * (_round_up(height, ROWS) + 2 * border)
         return Planes(self.memory(4 * channels * plane), channels, height, width, border, row, plane)
 
     def constant(self, values: Sequence[float] | np.ndarray) -> cl.Buffer:
@@ -164,7 +194,10 @@ class Engine:
             size = tuple(_round_up(n, group) for n, group in zip(size, local, strict=True))
         elif single and self.shape.width > 1:
             local = (1,) * len(size)
-        event = kernel(self.queue, size, local, *flat)
+        try:
+            event = kernel(self.queue, size, local, *flat)
+        except cl.MemoryError as error:  # many devices look for memory only now
+            raise NoRoomError(f"{self.device.name.strip()} has no room for what {stage} works on: {error}") from error
         if self.profiling:
             self._events.append((stage, event))
 

@@ -21,5 +21,9 @@ class DeviceError(McdenoiseError, RuntimeError):
     """No OpenCL device, an unknown device, or a kernel that does not build."""
 
 
+class NoRoomError(DeviceError):
+    """The device, or the memory that was allowed, has no room for what a method keeps."""
+
+
 class RenderError(McdenoiseError, RuntimeError):
     """A scene cannot be found or rendered."""

@@ -25,6 +25,11 @@ class Method:
         uses: planes it makes use of where they are there.
         halves_too: whether it makes use of half buffers where the variance of the colour is there as well.
         parameters: names, defaults, ranges and meanings.
+        make: the parameters' dataclass.
+        run: (engine, planes, parameters, facts) -> `Result`; facts None: the planes are a whole frame.
+        survey: (engine, source, parameters) -> `Facts` of a frame that is to be filtered in bands.
+        reach: (parameters) -> rows to each side that a row depends on, besides the facts.
+        align: (engine, parameters) -> bands begin at multiples of so many rows.
     """
 
     name: str
@@ -35,6 +40,9 @@ class Method:
     parameters: tuple[ParameterInfo, ...]
     make: type
     run: Callable[..., Any]
+    survey: Callable[..., Any]
+    reach: Callable[..., int]
+    align: Callable[..., int]
 
     def takes(self, present: Iterable[str]) -> list[str]:
         """Which of these planes of a frame it makes use of, in their order."""
@@ -55,6 +63,9 @@ _METHODS = {
         parameters=describe(module.Parameters),
         make=module.Parameters,
         run=module.run,
+        survey=module.survey,
+        reach=module.reach,
+        align=module.align,
     )
     for module in (nlm, ssim_nlm, regression, auto, guided)
 }

@@ -13,6 +13,8 @@ from functools import partial
 from ..engine import Engine, Planes
 from ..stages.box import box_mean
 from ..stages.choice import (
+    SMOOTHING_RADIUS,
+    VARIANCE_RADIUS,
     Target,
     compare,
     estimated_error,
@@ -25,14 +27,15 @@ from ..stages.halves import difference_from_variance, difference_of_halves
 from ..stages.luminance import luminance_around
 from ..stages.pad import stack
 from ..stages.regression import first_order_regression
-from ..stages.shrink import shrink_to_input
+from ..stages.shrink import BLOCK, shrink_to_input
 from ..stages.variance import channel_sum, clip, scale
 from . import regression
+from .facts import Facts
 from .parameters import parameter
-from .regression import NEEDS, USES, Prepared, finish, prepare, ridges, terms_for
+from .regression import NEEDS, USES, Prepared, align, finish, prepare, ridges, survey, terms_for
 from .result import Result
 
-__all__ = ["NAME", "NEEDS", "SUMMARY", "USES", "Parameters", "run"]
+__all__ = ["NAME", "NEEDS", "SUMMARY", "USES", "Parameters", "align", "reach", "run", "survey"]
 
 NAME = "auto"
 SUMMARY = "regressions over narrow, middle and wide windows, mixed by their estimated error"
@@ -65,11 +68,23 @@ KEEP = 0.05
 LIMIT = 1.0
 
 
-def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
+def reach(p: Parameters) -> int:
+    """Rows that a pixel depends on to each side.
+
+    One after the other: what `regression` does, with terms for the wider of the windows; the second fit, whose noise
+    is a mean; three comparisons and that of the error map, two means each, of frames whose luminance is a mean; blocks
+    to shrink by, two to each side and the rest of their own.
+    """
+    wide = p.wide_radius * p.wide_stride
+    first = regression.reach(p) + max(wide - p.search_radius, 0)
+    return first + wide + 1 + VARIANCE_RADIUS + 4 * 2 * SMOOTHING_RADIUS + 1 + 3 * BLOCK
+
+
+def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts | None = None) -> Result:
     """Door to exit without the door and the exit: planes in, planes out."""
-    frame = prepare(engine, planes, p)
-    noisy = stack(engine, [frame.color, _half_difference(engine, planes, frame)], 0)
-    terms = terms_for(engine, frame, max(p.search_radius, p.wide_radius * p.wide_stride))
+    frame = prepare(engine, planes, p, facts)
+    noisy = stack(engine, [frame.color, _half_difference(engine, planes, frame, facts)], 0)
+    terms = terms_for(engine, frame, max(p.search_radius, p.wide_radius * p.wide_stride), facts)
     current, narrow = first_order_regression(
         engine,
         frame.color,
@@ -113,13 +128,14 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
         shrink_to_input(engine, current, noisy, frame.raw_variance, input_share)
     error = partial(estimated_error, engine, filtered, target, input_share)
     shares = parts_of_mix(engine, wide_share, narrow_share, input_share)
-    return finish(engine, frame, current.part(0, 3), p, terms, shares=shares, error=error)
+    return finish(engine, frame, current.part(0, 3), p, terms, facts, shares=shares, error=error)
 
 
-def _half_difference(engine: Engine, planes: dict[str, Planes], frame: Prepared) -> Planes:
+def _half_difference(engine: Engine, planes: dict[str, Planes], frame: Prepared, facts: Facts | None) -> Planes:
     if "color_a" not in planes:
         estimated = "color_variance" not in planes
-        return difference_from_variance(engine, frame.variance if estimated else frame.raw_variance)
+        first = facts.rows.start if facts else 0
+        return difference_from_variance(engine, frame.variance if estimated else frame.raw_variance, first)
     halves = [scale(engine, planes[name], frame.exposure) for name in ("color_a", "color_b")]
     factor = frame.factor or clip(engine, frame.color.part(0, 1), 1.0, 1.0)
     return difference_of_halves(engine, *halves, factor)

@@ -18,6 +18,7 @@ from ..stages.variance import (
     variance_from_halves,
     variance_from_image,
 )
+from .facts import Facts
 
 FEATURES = ("albedo", "normal", "depth")
 FEATURE_VARIANCES = tuple(f"{name}_variance" for name in FEATURES)
@@ -46,13 +47,15 @@ def hold_back_outliers(
     return scale_outliers(engine, color, variance, limit, SIGNIFICANT if known else math.inf)
 
 
-def plain_feature(engine: Engine, planes: dict[str, Planes], name: str) -> tuple[Planes, Planes | None]:
+def plain_feature(
+    engine: Engine, planes: dict[str, Planes], name: str, facts: Facts | None
+) -> tuple[Planes, Planes | None]:
     """A feature on a scale of order 1, as noisy as it came, and its variance; None where that is not known."""
     feature, variance = planes[name], planes.get(f"{name}_variance")
     if name == "albedo":
         feature = clip(engine, feature, 0.0, 1.0)
     elif name == "depth":
-        inverse_scale = inverse_geometric_mean(engine, feature)
+        inverse_scale = facts.inverse_depth if facts else inverse_geometric_mean(engine, feature)
         if variance is not None:
             variance = depth_feature_variance(engine, feature, variance, inverse_scale)
         feature = depth_feature(engine, feature, inverse_scale)
@@ -64,12 +67,16 @@ def no_variance(engine: Engine, feature: Planes) -> Planes:
     return clip(engine, feature, 0.0, 0.0)
 
 
-def features(engine: Engine, planes: dict[str, Planes]) -> list[tuple[Planes, Planes]]:
+def features(engine: Engine, planes: dict[str, Planes], facts: Facts | None) -> list[tuple[Planes, Planes]]:
     """Each feature that is there, prefiltered if its variance is there, and the variance that is left."""
     groups = []
     for name in FEATURES:
         if name in planes:
-            feature, variance = plain_feature(engine, planes, name)
+            feature, variance = plain_feature(engine, planes, name, facts)
             exact = variance is None
             groups.append((feature, no_variance(engine, feature)) if exact else prefilter(engine, feature, variance))
     return groups
+
+
+#: Rows that `features` and `hold_back_outliers` together look to each side.
+REACH = 8

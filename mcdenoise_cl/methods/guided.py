@@ -6,19 +6,21 @@ what it left: where the residual is larger than the noise explains, that much of
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ..engine import Engine, Planes
-from ..stages.box_fit import box_fit
-from ..stages.exposure import auto_exposure
-from ..stages.noise import noise_level
+from ..stages.box import rows_each
+from ..stages.box_fit import LIGHT_RADIUS, box_fit
 from ..stages.outliers import spread_removed
 from ..stages.pad import stack
 from ..stages.variance import scale
+from .facts import Facts, exposed
 from .features import (
     COLOR_VARIANCES,
     FEATURE_VARIANCES,
     FEATURES,
+    REACH,
     color_variance,
     features,
     hold_back_outliers,
@@ -26,7 +28,10 @@ from .features import (
     plain_feature,
 )
 from .parameters import parameter
+from .regression import survey
 from .result import Result
+
+__all__ = ["NAME", "NEEDS", "SUMMARY", "USES", "Parameters", "align", "reach", "run", "survey"]
 
 NAME = "guided"
 SUMMARY = "guided filter with albedo, normal and depth as guides: fast, at some cost in accuracy"
@@ -59,16 +64,26 @@ class Parameters:
     )
 
 
-def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
+def reach(p: Parameters) -> int:
+    """Rows that a pixel depends on to each side: its block's window, twice, and the residual's, in whole blocks."""
+    stretch = 2 * p.radius + 1  # of blocks, that windows are joined from
+    return REACH + LIGHT_RADIUS + p.block * (2 * p.radius + p.residual_radius + 3 + stretch)
+
+
+def align(engine: Engine, p: Parameters) -> int:
+    """Means begin with the first row, some of them with the first row of blocks."""
+    of_blocks = rows_each(engine, p.radius), rows_each(engine, p.residual_radius)
+    return math.lcm(rows_each(engine, LIGHT_RADIUS), *(p.block * rows for rows in of_blocks))
+
+
+def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts | None = None) -> Result:
     """Door to exit without the door and the exit: planes in, planes out."""
-    exposure = engine.constant([p.exposure]) if p.exposure is not None else auto_exposure(engine, planes["color"])
-    color = scale(engine, planes["color"], exposure)
-    level = noise_level(engine, color)
+    exposure, color, level = exposed(engine, planes["color"], p.exposure, facts)
     variance = color_variance(engine, planes, color, exposure)
     removed = None
     if p.outliers:
         removed, _ = hold_back_outliers(engine, planes, color, variance, p.outlier_limit)
-    guides, noise = _guides(engine, planes, p.prefilter)
+    guides, noise = _guides(engine, planes, p.prefilter, facts)
     out = box_fit(
         engine,
         color,
@@ -83,26 +98,33 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
         noise_ridge=p.noise_ridge,
         floor=p.floor,
         residual_noise=p.residual_noise,
+        first=facts.rows.start if facts else 0,
     )
-    if removed is not None:
-        out = spread_removed(engine, out, removed, p.spread_radius)
-    return Result(scale(engine, out, exposure, -1), exposure, level, removed=removed, kept=color)
+    if facts is None:
+        if removed is not None:
+            out = spread_removed(engine, out, removed, p.spread_radius)
+        out = scale(engine, out, exposure, -1)
+    return Result(out, exposure, level, removed=removed, kept=color, exposed=facts is not None)
 
 
-def _guides(engine: Engine, planes: dict[str, Planes], prefiltered: bool) -> tuple[Planes | None, Planes | None]:
+def _guides(
+    engine: Engine, planes: dict[str, Planes], prefiltered: bool, facts: Facts | None
+) -> tuple[Planes | None, Planes | None]:
     """The features that are there as planes of order 1, and the variances of their noise; None where there is none."""
     names = [name for name in FEATURES if name in planes]
     noisy = any(f"{name}_variance" in planes for name in names)
     if not names:
         return None, None
     if prefiltered and noisy:
-        guides, noises = zip(*features(engine, planes), strict=True)
+        guides, noises = zip(*features(engine, planes, facts), strict=True)
     else:
-        guides, noises = zip(*(_plain(engine, planes, name, noisy) for name in names), strict=True)
+        guides, noises = zip(*(_plain(engine, planes, name, noisy, facts) for name in names), strict=True)
     return stack(engine, list(guides), 0), stack(engine, list(noises), 0) if noisy else None
 
 
-def _plain(engine: Engine, planes: dict[str, Planes], name: str, noisy: bool) -> tuple[Planes, Planes | None]:
+def _plain(
+    engine: Engine, planes: dict[str, Planes], name: str, noisy: bool, facts: Facts | None
+) -> tuple[Planes, Planes | None]:
     """`plain_feature`, its variance 0 where it is not known but that of others is."""
-    feature, variance = plain_feature(engine, planes, name)
+    feature, variance = plain_feature(engine, planes, name, facts)
     return feature, no_variance(engine, feature) if variance is None and noisy else variance

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..engine import Engine, Planes
+from ..engine import ROWS, Engine, Planes
 from ..stages.exposure import CURVES, auto_exposure, compress, expand, tonemap, tonemap_inverse
 from ..stages.nlm import CENTERS, SsimTerm
 from ..stages.nlm import nlm as nlm_stage
 from ..stages.noise import noise_level
 from ..stages.pad import pad
+from ..stages.source import Source
+from .facts import Facts, exposure_of, noise_of
 from .parameters import parameter
 from .result import Result
 
@@ -46,16 +48,35 @@ class Parameters:
     )
 
 
-def run(engine: Engine, planes: dict[str, Planes], parameters: Parameters) -> Result:
+def survey(engine: Engine, source: Source, p: Parameters) -> Facts:
+    """What bands need to know of the whole frame."""
+    exposure = exposure_of(engine, source, p.exposure)
+    return Facts(exposure, noise_of(engine, source, lambda color: tonemap(engine, color, exposure, p.curve)))
+
+
+def reach(p: Parameters) -> int:
+    """Rows that a pixel depends on to each side."""
+    return p.search_radius + p.patch_radius
+
+
+def align(engine: Engine, p: Parameters) -> int:
+    """Bands begin with whole tiles."""
+    return ROWS
+
+
+def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts | None = None) -> Result:
     """Door to exit without the door and the exit: planes in, planes out."""
-    return filter_colors(engine, planes["color"], parameters, None)
+    return filter_colors(engine, planes["color"], p, None, facts)
 
 
-def filter_colors(engine: Engine, color: Planes, p: Parameters, ssim: SsimTerm | None) -> Result:
+def filter_colors(engine: Engine, color: Planes, p: Parameters, ssim: SsimTerm | None, facts: Facts | None) -> Result:
     """Tonemap, estimate the noise, and average with the weights of eq. 5, or of eq. 8 where `ssim` is given."""
-    exposure = engine.constant([p.exposure]) if p.exposure is not None else auto_exposure(engine, color)
+    if facts is not None:
+        exposure = facts.exposure
+    else:
+        exposure = engine.constant([p.exposure]) if p.exposure is not None else auto_exposure(engine, color)
     tone = tonemap(engine, color, exposure, p.curve)
-    level = noise_level(engine, tone)
+    level = facts.noise_level if facts else noise_level(engine, tone)
     border = p.search_radius + p.patch_radius
     tone = pad(engine, tone, border)
     if p.average == "tonemapped":

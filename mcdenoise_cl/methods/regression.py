@@ -12,15 +12,24 @@ from typing import Any
 import pyopencl as cl
 
 from ..engine import Engine, Planes
-from ..stages.exposure import auto_exposure
+from ..stages.box import rows_each
 from ..stages.luminance import smooth_variance
-from ..stages.noise import noise_level
 from ..stages.outliers import spread_removed
 from ..stages.pad import stack
 from ..stages.regression import first_order_regression
-from ..stages.terms import Terms, choose_terms
+from ..stages.source import Source
+from ..stages.terms import BLOCK_ROWS, Terms, choose_terms
 from ..stages.variance import channel_sum, scale
-from .features import COLOR_VARIANCES, FEATURE_VARIANCES, FEATURES, color_variance, features, hold_back_outliers
+from .facts import Facts, exposed, exposure_of, inverse_depth_of, noise_of
+from .features import (
+    COLOR_VARIANCES,
+    FEATURE_VARIANCES,
+    FEATURES,
+    REACH,
+    color_variance,
+    features,
+    hold_back_outliers,
+)
 from .parameters import parameter
 from .result import Result
 
@@ -74,16 +83,14 @@ class Prepared:
     names: tuple[str, ...]
 
 
-def prepare(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Prepared:
+def prepare(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts | None = None) -> Prepared:
     """Expose, hold back outliers, prefilter the features."""
-    exposure = engine.constant([p.exposure]) if p.exposure is not None else auto_exposure(engine, planes["color"])
-    color = scale(engine, planes["color"], exposure)
-    level = noise_level(engine, color)
+    exposure, color, level = exposed(engine, planes["color"], p.exposure, facts)
     variance = color_variance(engine, planes, color, exposure)
     removed = factor = None
     if p.outliers:
         removed, factor = hold_back_outliers(engine, planes, color, variance, p.outlier_limit)
-    groups = features(engine, planes)
+    groups = features(engine, planes, facts)
     both = [stack(engine, list(each), 0) for each in zip(*groups, strict=True)] or [None, None]
     names = [name for name in FEATURES if name in planes]
     names = [name for name, (feature, _) in zip(names, groups, strict=True) for _ in range(feature.channels)]
@@ -91,9 +98,28 @@ def prepare(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Prepare
     return Prepared(exposure, level, color, variance, smooth, removed, factor, *both, tuple(names))
 
 
-def terms_for(engine: Engine, frame: Prepared, reach: int) -> Terms | None:
+def survey(engine: Engine, source: Source, p: Parameters) -> Facts:
+    """What bands need to know of the whole frame."""
+    exposure = exposure_of(engine, source, p.exposure)
+    level = noise_of(engine, source, lambda color: scale(engine, color, exposure))
+    return Facts(exposure, level, inverse_depth_of(engine, source))
+
+
+def reach(p: Parameters) -> int:
+    """Rows that a pixel depends on to each side: those that it takes to prepare it, a block of terms, the window."""
+    return REACH + BLOCK_ROWS + 2 * p.search_radius + p.patch_radius
+
+
+def align(engine: Engine, p: Parameters) -> int:
+    """Means begin with the first row; tiles and blocks of terms are smaller."""
+    return rows_each(engine, 0)
+
+
+def terms_for(engine: Engine, frame: Prepared, reach: int, facts: Facts | None = None) -> Terms | None:
     """The features that carry something within `reach`."""
-    return choose_terms(engine, frame.features, frame.noise, reach) if frame.features else None
+    if frame.features is None:
+        return None
+    return choose_terms(engine, frame.features, frame.noise, reach, facts.rows if facts else None)
 
 
 def ridges(p: Parameters) -> dict[str, Any]:
@@ -101,10 +127,10 @@ def ridges(p: Parameters) -> dict[str, Any]:
     return {"ridge": p.ridge, "noise_ridge": p.noise_ridge, "position_ridge": p.position_ridge}
 
 
-def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
+def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts | None = None) -> Result:
     """Door to exit without the door and the exit: planes in, planes out."""
-    frame = prepare(engine, planes, p)
-    terms = terms_for(engine, frame, p.search_radius)
+    frame = prepare(engine, planes, p, facts)
+    terms = terms_for(engine, frame, p.search_radius, facts)
     (out,) = first_order_regression(
         engine,
         frame.color,
@@ -116,20 +142,34 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
         bandwidth=p.bandwidth,
         **ridges(p),
     )
-    return finish(engine, frame, out, p, terms)
+    return finish(engine, frame, out, p, terms, facts)
 
 
-def finish(engine: Engine, frame: Prepared, out: Planes, p: Parameters, terms: Terms | None, **found: Any) -> Result:
-    """Give the light of the outliers back, undo the exposure, and hand on what was found."""
-    if frame.removed is not None:
-        out = spread_removed(engine, out, frame.removed, p.spread_radius)
+def finish(
+    engine: Engine,
+    frame: Prepared,
+    out: Planes,
+    p: Parameters,
+    terms: Terms | None,
+    facts: Facts | None = None,
+    **found: Any,
+) -> Result:
+    """Give the light of the outliers back, undo the exposure, and hand on what was found.
+
+    Light goes further than a band: there both are left to those who have all of them.
+    """
+    if facts is None:
+        if frame.removed is not None:
+            out = spread_removed(engine, out, frame.removed, p.spread_radius)
+        out = scale(engine, out, frame.exposure, -1)
     return Result(
-        scale(engine, out, frame.exposure, -1),
+        out,
         frame.exposure,
         frame.level,
         removed=frame.removed,
         kept=frame.color,
         feature_names=frame.names,
         terms=terms,
+        exposed=facts is not None,
         **found,
     )

@@ -19,19 +19,22 @@ def _pass(engine: Engine, image: Planes, radius: int) -> Planes:
     window = 2 * radius + 1
     out = engine.planes(channels, width, height)
     if engine.shape.schedule == "group":
-        each = _rows_each(window, GROUP_BLOCK)
+        each = rows_each(engine, radius)
         kernel = engine.kernel("box_group.cl", "box_transposed_group", **engine.group_defines(), BLOCK=GROUP_BLOCK)
         size, local = (width, -(-height // each), channels), (*engine.shape.group, 1)
         engine.launch("box", kernel, size, image, height, width, out, radius, each, 1.0 / window, local=local)
     else:
-        each = _rows_each(window, engine.shape.width)
+        each = rows_each(engine, radius)
         kernel = engine.kernel("box.cl", "box_transposed")
         size = (engine.vectors(width), -(-height // each), channels)
         engine.launch("box", kernel, size, image, height, out, radius, each, 1.0 / window)
     return out
 
 
-def _rows_each(window: int, block: int) -> int:
-    """Rows to a work-item, in whole blocks: enough that filling the first window is a small part of the work."""
-    rows = max(64, 4 * window)
-    return rows + -rows % block
+def rows_each(engine: Engine, radius: int) -> int:
+    """Rows to a work-item, in whole blocks: enough that filling the first window is a small part of the work.
+
+    To the last bit a mean hangs on where its work-item began.
+    """
+    rows = max(64, 4 * (2 * radius + 1))
+    return rows + -rows % (GROUP_BLOCK if engine.shape.schedule == "group" else engine.shape.width)

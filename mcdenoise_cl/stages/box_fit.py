@@ -24,6 +24,7 @@ def box_fit(
     noise_ridge: float,
     floor: float,
     residual_noise: float,
+    first: int = 0,
 ) -> Planes:
     """Fit the colours by linear functions of the features, and give back what of the residual is not noise.
 
@@ -44,6 +45,8 @@ def box_fit(
         noise_ridge: times the variance of a feature, added as well.
         floor: added as well.
         residual_noise: what noise explains of the residual, in units of the variance; 0 gives `color` back.
+        first: row of the frame at which the planes begin, a multiple of `block`: windows are joined in stretches that
+            begin with the first row of the frame.
 
     Returns:
         Three planes; not below 0 where the pixel is not.
@@ -68,7 +71,9 @@ def box_fit(
     groups, joined = engine.planes(group, rows, columns), engine.planes(group, columns, rows)
     window = 2 * radius + 1
     launch("blocks", blocks, light, color, *guides, *noises, height, width, float(relative), float(noise_ridge), groups)
-    launch("columns", (engine.vectors(columns), -(-rows // window)), groups, rows, columns, joined)
+    phase = first // block % window
+    size = engine.vectors(columns), -(-(rows + phase) // window)
+    launch("columns", size, groups, rows, columns, phase, joined)
     fit = engine.planes(3 * (count + 1), rows, columns)
     size = engine.vectors(rows), -(-columns // window)
     launch("solve", size, joined, columns, rows, float(ridge), float(floor), fit)

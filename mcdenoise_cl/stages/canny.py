@@ -18,9 +18,9 @@ def gaussian_taps(sigma: float, radius: int) -> np.ndarray:
     return taps / taps.sum()
 
 
-def albedo_luminance(engine: Engine, albedo: Planes) -> Planes:
-    """sRGB-encoded Rec. 709 luminance of the albedo, clipped to [0, 1]: one plane."""
-    out = engine.planes(1, albedo.height, albedo.width)
+def albedo_luminance(engine: Engine, albedo: Planes, out: Planes | None = None) -> Planes:
+    """sRGB-encoded Rec. 709 luminance of the albedo, clipped to [0, 1]: one plane, `out` if given."""
+    out = out or engine.planes(1, albedo.height, albedo.width)
     kernel = engine.kernel("canny.cl", "albedo_luminance")
     size = (engine.vectors(albedo.width), albedo.height)
     engine.launch("canny", kernel, size, albedo, albedo.height, albedo.width, out)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from ..engine import Engine, Planes
 from .box import box_mean
 
-#: Estimates are box means of this radius, taken twice.
-SMOOTHING_RADIUS = 4
+#: Estimates are box means of this radius, taken twice; the variance left in a frame is one of the other.
+SMOOTHING_RADIUS, VARIANCE_RADIUS = 4, 3
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def luminance_noise(engine: Engine, variance: Planes) -> Planes:
 
 def variance_left(engine: Engine, frame: Planes) -> Planes:
     """The sum over the channels of the variance that a filtered frame has left, one plane, smoothed over 7x7."""
-    return box_mean(engine, _one_plane(engine, "variance_left", frame), 3)
+    return box_mean(engine, _one_plane(engine, "variance_left", frame), VARIANCE_RADIUS)
 
 
 def compare(

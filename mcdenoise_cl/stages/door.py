@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyopencl as cl
@@ -10,6 +10,7 @@ import pyopencl.array as cl_array
 
 from ..engine import Engine, Planes
 from ..errors import DeviceError
+from .rows import Rows
 
 MACROS = {np.dtype("f2"): "HALF", np.dtype("f4"): None, np.dtype("f8"): "DOUBLE"}
 
@@ -23,6 +24,10 @@ class Strided:
     channels: int
     offset: int
     strides: tuple[int, int, int]
+
+    def rows(self, first: int) -> Strided:
+        """The same from a row on."""
+        return replace(self, offset=self.offset + first * self.strides[0])
 
     @property
     def layout(self) -> tuple[int, int, int, int]:
@@ -59,7 +64,7 @@ def upload(engine: Engine, array: np.ndarray) -> tuple[Strided, np.ndarray]:
         flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
         buffer = cl.Buffer(engine.context, flags, hostbuf=host)
     else:
-        buffer = engine.memory(host.nbytes)
+        buffer = engine.frame_memory(host.nbytes)
         cl.enqueue_copy(engine.queue, buffer, host, is_blocking=False)
     channels = host.shape[2] if host.ndim == 3 else 1
     channel = 1 if host.ndim == 3 else 0
@@ -73,20 +78,26 @@ def door(
     width: int,
     bad: cl.MemoryObjectHolder,
     slot: int = 0,
+    rows: Rows | None = None,
+    count: bool = True,
 ) -> Planes:
     """Interleaved to planar float32; a pixel that is not finite becomes the mean of its nearest finite pixels.
 
     Args:
-        array: of float16, float32 or float64.
+        array: (height, width, ...) of float16, float32 or float64.
         bad: int32 counters on the device; the number of replaced pixels is added to number `slot`.
+        rows: those to let in; None for all.
+        count: whether pixels that were replaced in the wanted rows are to be counted.
 
     Returns:
-        Planes (channels, H, W).
+        Planes (channels, H, W) of these rows.
     """
     channels = array.channels
-    out = engine.planes(channels, height, width)
+    rows = rows or Rows(0, height, 0, height)
+    out = engine.planes(channels, rows.stop - rows.start, width)
     packed = {"PACKED": None} if array.strides[1:] == ((channels, 1) if channels > 1 else (1, 0)) else {}
     kernel = engine.kernel("door.cl", "door", CHANNELS=channels, **packed, **type_define(engine, array.dtype, "SOURCE"))
-    size = engine.vectors(width), height
-    engine.launch("door", kernel, size, array.buffer, *array.layout, height, width, out, bad, slot)
+    size = engine.vectors(width), out.height
+    span = rows.start, rows.stop, rows.first, rows.last if count else rows.first
+    engine.launch("door", kernel, size, array.buffer, *array.layout, height, width, *span, out, bad, slot)
     return out

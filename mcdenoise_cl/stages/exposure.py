@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import pyopencl as cl
@@ -16,10 +17,17 @@ CURVES = ("clip", "reinhard")
 
 def auto_exposure(engine: Engine, color: Planes, key: float = KEY) -> cl.MemoryObjectHolder:
     """key / (geometric mean of the luminance over pixels above 0): one float on the device; 1 for a black frame."""
-    height, width = color.height, color.width
+    return exposure_of_bands(engine, [(color, 0)], color.height, key)
+
+
+def exposure_of_bands(
+    engine: Engine, bands: Iterable[tuple[Planes, int]], height: int, key: float = KEY
+) -> cl.MemoryObjectHolder:
+    """`auto_exposure` of a frame of `height` rows that comes in bands: planes, and the row where they begin."""
     sums, counts, out = engine.memory(4 * height), engine.memory(4 * height), engine.memory(4)
     rows = engine.kernel("exposure.cl", "log_luminance_rows")
-    engine.launch("exposure", rows, (height,), color, height, width, sums, counts)
+    for color, first in bands:
+        engine.launch("exposure", rows, (color.height,), color, color.height, color.width, first, sums, counts)
     join = engine.kernel("exposure.cl", "exposure_from_rows")
     engine.launch("exposure", join, (1,), sums, counts, height, float(key), out)
     return out
@@ -27,7 +35,15 @@ def auto_exposure(engine: Engine, color: Planes, key: float = KEY) -> cl.MemoryO
 
 def inverse_geometric_mean(engine: Engine, plane: Planes) -> cl.MemoryObjectHolder:
     """1 / (geometric mean of the values above 0) of one plane: one float on the device; 1 if there is none."""
-    return auto_exposure(engine, replace(plane, channels=1, plane=0), 1.0)
+    return inverse_geometric_mean_of_bands(engine, [(plane, 0)], plane.height)
+
+
+def inverse_geometric_mean_of_bands(
+    engine: Engine, bands: Iterable[tuple[Planes, int]], height: int
+) -> cl.MemoryObjectHolder:
+    """`inverse_geometric_mean` of a plane that comes in bands."""
+    grey = ((replace(plane, channels=1, plane=0), first) for plane, first in bands)
+    return exposure_of_bands(engine, grey, height, 1.0)
 
 
 def tonemap(engine: Engine, color: Planes, exposure: cl.MemoryObjectHolder, curve: str = "clip") -> Planes:

@@ -34,22 +34,47 @@ def scale_outliers(
 
 def spread_removed(engine: Engine, image: Planes, removed: Planes, radius: int) -> Planes:
     """Give the removed energy back: blurred by three box means, half of it evenly, half in proportion to brightness."""
-    height, width = image.height, image.width
-    scale = SCALE if radius >= WIDER * SCALE else 1
-    down, across = -(-height // scale), -(-width // scale)
+    light = Light(engine, image.height, image.width, radius)
+    light.collect(image, removed, 0)
+    light.blur()
+    return light.give_back(image, 0)
 
-    def launch(name: str, size: tuple[int, ...], *arguments) -> None:
-        engine.launch("outliers", engine.kernel("spread.cl", name, SCALE=scale), size, *arguments)
 
-    def blur(planes: Planes) -> Planes:
+class Light:
+    """What was removed from a frame that comes in bands: `collect` all of them, `blur`, and `give_back` to each."""
+
+    def __init__(self, engine: Engine, height: int, width: int, radius: int) -> None:
+        self._engine, self._height, self._width = engine, height, width
+        self._scale = SCALE if radius >= WIDER * SCALE else 1
+        self._radius = round(radius / self._scale)
+        self._size = -(-height // self._scale), -(-width // self._scale)
+        self._removed, self._bright = engine.planes(3, *self._size), engine.planes(3, *self._size)
+
+    def collect(self, image: Planes, removed: Planes, first: int) -> None:
+        """A filtered band that begins with row `first`, a multiple of SCALE, and what it lost: three planes each."""
+        down = -(-image.height // self._scale)
+        for planes, blocks in ((removed, self._removed), (image, self._bright)):
+            out = blocks.rows(first // self._scale, down)
+            self._launch("block_means", (self._size[1], down, 3), planes, image.height, image.width, out)
+
+    def blur(self) -> None:
+        """All bands are collected."""
+        self._removed, bright = self._blurred(self._removed), self._engine.planes(1, *self._size)
+        self._launch("brightness", self._size[::-1], self._bright, self._removed, *self._size, bright)
+        self._bright = self._blurred(bright)
+
+    def give_back(self, image: Planes, first: int) -> Planes:
+        """A filtered band, which begins with row `first`, with the light that it gets: three planes."""
+        out = self._engine.planes(3, image.height, image.width)
+        arguments = image, self._removed, self._bright, self._height, self._width, first, image.height, out
+        self._launch("give_back", (self._size[1], image.height), *arguments)
+        return out
+
+    def _blurred(self, planes: Planes) -> Planes:
         for _ in range(3):
-            planes = box_mean(engine, planes, round(radius / scale))
+            planes = box_mean(self._engine, planes, self._radius)
         return planes
 
-    blocks, bright = engine.planes(3, down, across), engine.planes(1, down, across)
-    launch("block_means", (across, down, 3), removed, height, width, blocks)
-    blocks = blur(blocks)
-    launch("brightness", (across, down), image, blocks, height, width, bright)
-    out = engine.planes(3, height, width)
-    launch("give_back", (across, height), image, blocks, blur(bright), height, width, out)
-    return out
+    def _launch(self, name: str, size: tuple[int, ...], *arguments) -> None:
+        engine = self._engine
+        engine.launch("outliers", engine.kernel("spread.cl", name, SCALE=self._scale), size, *arguments)

@@ -1,0 +1,69 @@
+"""What a method has to know of a whole frame before it can filter a band of its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pyopencl as cl
+
+from ..engine import Engine, Planes
+from ..stages.exposure import KEY, auto_exposure, exposure_of_bands, inverse_geometric_mean_of_bands
+from ..stages.noise import noise_level, noise_of_bands
+from ..stages.rows import Rows
+from ..stages.source import Source
+from ..stages.variance import scale
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Found by a method's `survey`. Each holds for the whole frame.
+
+    Attributes:
+        exposure: as in `Result`.
+        noise_level: as in `Result`.
+        inverse_depth: 1 / the geometric mean of the depth; None without depth.
+        edges, references: the guide of the normals, one plane of the whole frame, and what `guided_filter` counts
+            from; only for methods that have one.
+        rows: those that are filtered.
+    """
+
+    exposure: cl.MemoryObjectHolder
+    noise_level: cl.MemoryObjectHolder
+    inverse_depth: cl.MemoryObjectHolder | None = None
+    edges: Planes | None = None
+    references: cl.MemoryObjectHolder | None = None
+    rows: Rows | None = None
+
+
+def exposed(
+    engine: Engine, color: Planes, given: float | None, facts: Facts | None
+) -> tuple[cl.MemoryObjectHolder, Planes, cl.MemoryObjectHolder]:
+    """The exposure, the colours with it, and their noise level; both numbers are those of the whole frame."""
+    if facts is None:
+        exposure = engine.constant([given]) if given is not None else auto_exposure(engine, color)
+        color = scale(engine, color, exposure)
+        return exposure, color, noise_level(engine, color)
+    return facts.exposure, scale(engine, color, facts.exposure), facts.noise_level
+
+
+def exposure_of(engine: Engine, source: Source, given: float | None) -> cl.MemoryObjectHolder:
+    """The exposure that was given, or that of the frame's colours."""
+    if given is not None:
+        return engine.constant([given])
+    bands = ((color, rows.first) for color, rows in source.sweep("color"))
+    return exposure_of_bands(engine, bands, source.height, KEY)
+
+
+def noise_of(engine: Engine, source: Source, mapped: Callable[[Planes], Planes]) -> cl.MemoryObjectHolder:
+    """The noise level of the frame's colours, mapped."""
+    bands = ((mapped(color), rows) for color, rows in source.sweep("color", 1))
+    return noise_of_bands(engine, bands, source.height)
+
+
+def inverse_depth_of(engine: Engine, source: Source) -> cl.MemoryObjectHolder | None:
+    """What depth is scaled by."""
+    if "depth" not in source.arrays:
+        return None
+    bands = ((depth, rows.first) for depth, rows in source.sweep("depth"))
+    return inverse_geometric_mean_of_bands(engine, bands, source.height)
