@@ -14,7 +14,7 @@ from .choose import pick_device
 from .details import Denoised, Report, error_map, make_report, model_map
 from .device import Shape, context_for
 from .engine import Engine
-from .errors import DeviceError, FrameError, NoRoomError, ParameterError
+from .errors import BudgetError, DeviceError, FrameError, NoRoomError, ParameterError
 from .frame import PLANES, Frame
 from .methods import Method, get_method, settle
 from .methods.parameters import make
@@ -115,7 +115,7 @@ class Denoiser:
             ParameterError: no frame has been denoised yet.
         """
         with self._lock:
-            return model_map(self._last_frame()[0].summaries())
+            return model_map(self._last_frame()[0].summaries(True))
 
     @property
     def error_map(self) -> np.ndarray | None:
@@ -125,7 +125,7 @@ class Denoiser:
             ParameterError: no frame has been denoised yet.
         """
         with self._lock:
-            return error_map(self._last_frame()[0].summaries())
+            return error_map(self._last_frame()[0].summaries(True))
 
     def _last_frame(self) -> tuple[Filtered, tuple[str, ...], cl.MemoryObjectHolder]:
         if self._last is None:
@@ -258,7 +258,7 @@ class Denoiser:
 
     def _no_room(self, error: NoRoomError) -> NoRoomError:
         """Even for a few rows."""
-        if self._engine.budget is None:
+        if not isinstance(error, BudgetError):
             return error
         return NoRoomError(
             f"max_memory_mb is {self._engine.budget / 2**20:.0f}, which is no room for {self._rows} rows of "

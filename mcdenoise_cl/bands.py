@@ -34,11 +34,11 @@ class Filtered:
 
     Attributes:
         result: that of the frame, or of its last band.
-        summaries: one a band; made when asked for where the frame was filtered whole.
+        summaries: one a band, with maps if true; made when asked for where the frame was filtered whole.
     """
 
     result: Result
-    summaries: Callable[[], list[Summary]]
+    summaries: Callable[[bool], list[Summary]]
 
 
 def budget_of(device: cl.Device, max_memory_mb: int | None) -> int | None:
@@ -74,7 +74,7 @@ def filter_frame(engine: Engine, method: Method, source: Source, p: Any, target:
         everything = Rows(0, source.height, 0, source.height)
         result = method.run(engine, source.planes(everything, count=True), p)
         leave(engine, result.color, target)
-        return Filtered(result, lambda: [summarise(engine, result, everything)])
+        return Filtered(result, lambda maps: [summarise(engine, result, everything, maps)])
     facts = method.survey(engine, source, p)
     light, summaries = None, []
     kept = target if target.dtype == np.float32 else _room_for(engine, source)
@@ -88,12 +88,12 @@ def filter_frame(engine: Engine, method: Method, source: Source, p: Any, target:
         else:
             image = scale(engine, image, result.exposure, -1) if result.exposed else image
             leave(engine, image, target.rows(rows.first))
-        summaries.append(summarise(engine, result, rows))
+        summaries.append(summarise(engine, result, rows, True))
         result = replace(result, color=None, removed=None, kept=None, terms=None, shares=None, error=None)
     if light is not None:
         light.blur()
         _give_back(engine, source, light, facts, kept, target)
-    return Filtered(result, lambda: summaries)
+    return Filtered(result, lambda maps: summaries)
 
 
 def _band(engine: Engine, method: Method, source: Source, p: Any, facts: Facts) -> Result:

@@ -80,7 +80,7 @@ def denoise_file(
         device: index, part of a name, or `pyopencl.Device`; None: the default device.
         layers, samples_per_pixel: as for `read_exr`.
         overwrite: write over an existing target.
-        **parameters: the method's, by name.
+        **parameters: the method's, by name; and `max_memory_mb`, as for `Denoiser`.
 
     Raises:
         ExrError: a file cannot be read or written, or the target exists.

@@ -112,6 +112,12 @@ def mcdenoise(context: click.Context) -> None:
 )
 @click.option("--samples", type=COUNT, metavar="N", help="Samples per pixel, where the file does not tell.")
 @device_option
+@click.option(
+    "--max-memory-mb",
+    type=COUNT,
+    metavar="N",
+    help="MiB to use besides the frame itself; large frames are filtered in bands. By default what the device has.",
+)
 @force_option
 @debug_option
 @click.pass_context
@@ -125,6 +131,7 @@ def denoise(
     layers: tuple[str, ...],
     samples: int | None,
     device: str | None,
+    max_memory_mb: int | None,
     force: bool,
 ) -> int:
     """Denoise EXR files, or every *.exr directly in a folder.
@@ -143,7 +150,7 @@ def denoise(
         raise _usage(f"--method {method} and --preset {preset} are both given: a preset is a method, so give one")
     name, parameters = settle(method, preset, {})
     options = {"method": name, "layers": _layers(layers), "samples_per_pixel": samples, "overwrite": force}
-    options |= parameters | _parameters(name, pairs) | {"device": _device(device)}
+    options |= parameters | _parameters(name, pairs) | {"device": _device(device), "max_memory_mb": max_memory_mb}
     is_folder = Path(inputs[0]).is_dir()
     if len(inputs) > 1 and any(Path(name).is_dir() for name in inputs):
         raise _usage("there is a folder among several inputs, but one folder or several files are needed")

@@ -78,7 +78,7 @@ class Summary:
         rows: how many it has.
         removed, kept, shares, error: means over it, one float a plane, on the device; None where there are none.
         used, blocks: for each plane of features the blocks that used it, on the device, of so many; None without.
-        model_map, error_map: as in `Denoised`.
+        model_map, error_map: as in `Denoised`; None where they were not asked for.
     """
 
     rows: int
@@ -92,13 +92,18 @@ class Summary:
     error_map: np.ndarray | None
 
 
-def summarise(engine: Engine, result: Result, rows: Rows) -> Summary:
-    """Of the wanted rows of a result. Waits for them."""
+def summarise(engine: Engine, result: Result, rows: Rows, maps: bool) -> Summary:
+    """Of the wanted rows of a result. `maps` too, which are waited for."""
 
     def means(planes: Planes | None) -> cl.MemoryObjectHolder | None:
         return None if planes is None else plane_means(engine, rows.wanted(planes))
 
     error = result.error() if result.error else None
+    models = errors = None
+    if maps and result.shares is not None:
+        models = _download(engine, rows.wanted(result.shares)).argmax(0).astype(np.uint8)
+    if maps and error is not None:
+        errors = _download(engine, rows.wanted(error))[0]
     return Summary(
         rows.last - rows.first,
         means(result.removed),
@@ -107,8 +112,8 @@ def summarise(engine: Engine, result: Result, rows: Rows) -> Summary:
         means(error),
         result.terms.used if result.terms else None,
         result.terms.counted if result.terms else 0,
-        None if result.shares is None else _download(engine, rows.wanted(result.shares)).argmax(0).astype(np.uint8),
-        None if error is None else _download(engine, rows.wanted(error))[0],
+        models,
+        errors,
     )
 
 
@@ -117,7 +122,7 @@ def make_report(
     method: Method,
     parameters: Any,
     result: Result,
-    summaries: Callable[[], list[Summary]],
+    summaries: Callable[[bool], list[Summary]],
     replaced: dict[str, int],
 ) -> Report:
     """Read what a method found from the device; waits for it.
@@ -127,7 +132,7 @@ def make_report(
         summaries: one a band.
     """
     stage_ms = engine.stage_times()  # before what follows adds to it
-    device, parts = engine.device, summaries()
+    device, parts = engine.device, summaries(False)
     shares = _mean(engine, parts, "shares", len(CANDIDATES))
     error = _mean(engine, parts, "error", 1)
     return Report(

@@ -11,7 +11,7 @@ import pyopencl.tools
 
 from . import program
 from .device import Shape, shape_for
-from .errors import DeviceError, NoRoomError
+from .errors import BudgetError, DeviceError, NoRoomError
 
 # The widest tile of any device: planes are allocated up to whole tiles, so that a kernel may store whole vectors.
 COLUMNS, ROWS, _SLACK = 64, 16, 16
@@ -109,14 +109,15 @@ class Engine:
         """Bytes from the pool, uninitialised.
 
         Raises:
-            NoRoomError: the device has no room for them, or the budget.
+            NoRoomError: the device has no room for them.
+            BudgetError: the budget has none.
         """
         memory = self._allocate(self._pool, size)
         if self.budget is not None and self.held > self.budget:
             self.queue.finish()
             self._pool.free_held()
             if self.held > self.budget:
-                raise NoRoomError(f"{self.budget / 2**20:.0f} MiB are no room for another {size / 2**20:.0f} MiB")
+                raise BudgetError(f"{self.budget / 2**20:.0f} MiB are no room for another {size / 2**20:.0f} MiB")
         return memory
 
     def frame_memory(self, size: int) -> cl.MemoryObjectHolder:

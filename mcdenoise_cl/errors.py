@@ -25,5 +25,9 @@ class NoRoomError(DeviceError):
     """The device, or the memory that was allowed, has no room for what a method keeps."""
 
 
+class BudgetError(NoRoomError):
+    """It is what was allowed that has no room."""
+
+
 class RenderError(McdenoiseError, RuntimeError):
     """A scene cannot be found or rendered."""
