@@ -16,6 +16,11 @@ from .errors import ExrError
 
 MAGIC = b"\x76\x2f\x31\x01"
 DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
+#: Bytes of pixels that one byte of a file can stand for at most. A constant image of 4096 x 4096 in DWAB, the smallest
+#: there is, has 24000; more than a million is a damaged header.
+DENSEST = 1_000_000
+#: Pixels to the side of a tile, where the image is not larger. OpenEXR takes memory for whole tiles.
+WIDEST_TILE = 4096
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,7 @@ def load(path: str | os.PathLike[str]) -> list[Part]:
         # OpenEXR 3.5 leaves out the parts whose pixels it cannot read, so they are counted first.
         with OpenEXR.File(str(path), header_only=True) as file:
             expected = len(file.parts)
+            _check_claims(path, [part.header for part in file.parts])
         with OpenEXR.File(str(path), separate_channels=True) as file:
             parts = [_extract(path, part) for part in file.parts]
     except ExrError:
@@ -62,6 +68,36 @@ def load(path: str | os.PathLike[str]) -> list[Part]:
     if len(parts) < max(expected, 1):
         raise ExrError(f"{path} is damaged or cut short, its pixels cannot be read: render or copy it again")
     return parts
+
+
+def _check_claims(path: str | os.PathLike[str], headers: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse, before any memory is taken for them, pixels that cannot be in the file or do not fit into memory."""
+    size, total = Path(path).stat().st_size, 0
+    for header in headers:
+        (x0, y0), (x1, y1) = (corner.tolist() for corner in header["dataWindow"])
+        width, height = x1 - x0 + 1, y1 - y0 + 1
+        least = 2 * len(header["channels"]) * width * height  # a channel has at least two bytes a pixel
+        if least > DENSEST * size:
+            raise ExrError(
+                f"{path} is damaged: its header tells of {width} x {height} pixels, at least {least / 2**30:.3g} GiB, "
+                f"but the file has {size} bytes: render or copy it again"
+            )
+        tiles = header.get("tiles")
+        if tiles is not None and any(
+            side > max(WIDEST_TILE, of) for side, of in ((tiles.xSize, width), (tiles.ySize, height))
+        ):
+            raise ExrError(
+                f"{path} is damaged: its header tells of tiles of {tiles.xSize} x {tiles.ySize} pixels in an image of "
+                f"{width} x {height}: render or copy it again"
+            )
+        total += least
+    try:
+        np.empty(total, np.uint8)  # OpenEXR would call a file damaged for which there is no memory
+    except MemoryError:
+        raise ExrError(
+            f"{path} has pixels of at least {total / 2**30:.3g} GiB, for which there is no memory: read it on a "
+            "machine that has more, or save it smaller"
+        ) from None
 
 
 def _extract(path: str | os.PathLike[str], part: OpenEXR.Part) -> Part:
