@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from typing import Any
 
@@ -11,7 +12,7 @@ import pyopencl.array as cl_array
 
 from .choose import pick_device
 from .details import Denoised, Report, error_map, make_report, model_map
-from .device import Shape, context_for
+from .device import Shape, context_for, device_errors
 from .engine import Engine, Planes
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
@@ -68,14 +69,18 @@ class Denoiser:
         self.parameters = make(self.method.make, name, parameters)
         if queue is not None and device is not None:
             raise ParameterError("device and queue are both given: pass one, since a queue belongs to a device")
-        if queue is None:
-            chosen = pick_device(device).device
-            queue = cl.CommandQueue(
-                context_for(chosen), chosen, properties=cl.command_queue_properties.PROFILING_ENABLE
-            )
-        self._engine = Engine(queue)
+        self._device = pick_device(device).device if queue is None else queue.device
+        self._name = self._device.name.strip()
+        with self._errors():
+            if queue is None:
+                profiling = cl.command_queue_properties.PROFILING_ENABLE
+                queue = cl.CommandQueue(context_for(self._device), self._device, properties=profiling)
+            self._engine = Engine(queue)
         self._lock = threading.Lock()
         self._last: tuple[Result, tuple[str, ...], cl.MemoryObjectHolder] | None = None
+
+    def _errors(self) -> contextlib.AbstractContextManager[None]:
+        return device_errors(self._name, self._device)
 
     @property
     def queue(self) -> cl.CommandQueue:
@@ -94,7 +99,7 @@ class Denoiser:
         Raises:
             ParameterError: no frame has been denoised yet.
         """
-        with self._lock:
+        with self._lock, self._errors():
             result, names, bad = self._last_frame()
             return make_report(self._engine, self.method, self.parameters, result, self._replaced(names, bad))
 
@@ -105,7 +110,7 @@ class Denoiser:
         Raises:
             ParameterError: no frame has been denoised yet.
         """
-        with self._lock:
+        with self._lock, self._errors():
             return model_map(self._engine, self._last_frame()[0])
 
     @property
@@ -115,7 +120,7 @@ class Denoiser:
         Raises:
             ParameterError: no frame has been denoised yet.
         """
-        with self._lock:
+        with self._lock, self._errors():
             return error_map(self._engine, self._last_frame()[0])
 
     def _last_frame(self) -> tuple[Result, tuple[str, ...], cl.MemoryObjectHolder]:
@@ -138,11 +143,11 @@ class Denoiser:
         Raises:
             FrameError: the frame has another size, lacks a plane that the method needs, lies in another context,
                 has no finite pixel (host frames; on the device such a frame comes out black), or `out` does not fit.
-            DeviceError: the device has no room.
+            DeviceError: the device has no room, or has failed: then make another Denoiser.
         """
         frame = as_frame(frame_or_color, planes)
         self._check(frame, out)
-        with self._lock:
+        with self._lock, self._errors():
             return self._run_device(frame, out) if frame.on_device else self._run_host(frame, out)
 
     def _check(self, frame: Frame, out: Any) -> None:
@@ -182,7 +187,8 @@ class Denoiser:
                 alive.append(host)
             return self._download(self._filter(arrays), frame, out)
         except BaseException:
-            engine.queue.finish()
+            with contextlib.suppress(cl.Error):  # where the device is gone, nothing reads them any more
+                engine.queue.finish()
             raise
 
     def _download(self, color: Planes, frame: Frame, out: np.ndarray | None) -> np.ndarray:

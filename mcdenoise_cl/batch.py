@@ -15,7 +15,7 @@ import pyopencl as cl
 from .api import Denoiser
 from .choose import pick_device
 from .details import Report
-from .errors import ExrError, FrameError
+from .errors import DeviceError, ExrError, FrameError
 from .exr import read_exr, write_exr
 from .frame import Frame
 from .methods import get_method, settle
@@ -192,6 +192,10 @@ class _Denoisers:
             self._last = Denoiser(*frame.shape, method=self._method, device=self._device, **self._parameters)
         return self._last
 
+    def forget(self) -> None:
+        """Make a new one for the next frame: the device of this one failed, but may be back by then."""
+        self._last = None
+
 
 def _denoise(
     source: Path,
@@ -204,13 +208,16 @@ def _denoise(
         frame = read_exr(source, layers=layers, samples_per_pixel=samples_per_pixel)
     denoiser = denoisers.for_frame(frame)
     try:
-        clean = denoiser(frame)
+        clean, report = denoiser(frame), denoiser.report
     except FrameError as error:
         raise FrameError(f"{source}: {error}") from error
+    except DeviceError:
+        denoisers.forget()
+        raise
     write_exr(target, clean, template=source, layers=layers)
     used = denoiser.method.takes(frame.planes())
     named = {plane: layer for plane, layer in frame.metadata["layers"].items() if plane in used}
-    return Outcome(source, target, denoiser.report, named)
+    return Outcome(source, target, report, named)
 
 
 def _check_targets(sources: list[Path], folder: Path) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
 import shutil
 import threading
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass, field
 
 import pyopencl as cl
@@ -87,7 +89,9 @@ def list_devices() -> list[DeviceInfo]:
             devices = platform.get_devices()
         except cl.Error:  # a runtime without a device of its kind in this machine
             continue
-        found += [describe(len(found) + i, device) for i, device in enumerate(devices)]
+        for device in devices:
+            with contextlib.suppress(cl.Error):  # a device that is gone answers no question
+                found.append(describe(len(found), device))
     return found
 
 
@@ -181,3 +185,24 @@ def context_for(device: cl.Device) -> cl.Context:
                     f"--device or {DEVICE_VARIABLE}"
                 ) from error
         return _contexts[device]
+
+
+@contextlib.contextmanager
+def device_errors(name: str, device: cl.Device | None = None) -> Iterator[None]:
+    """What OpenCL raises while it works, for instance because the device was unplugged or reset, as a `DeviceError`.
+
+    Args:
+        name: of the device, asked for while it was there.
+        device: whose context is not handed out again after such an error, so that whoever tries again starts afresh.
+    """
+    try:
+        yield
+    except cl.Error as error:
+        with _lock:
+            _contexts.pop(device, None)
+        short = error.code in (cl.status_code.OUT_OF_RESOURCES, cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE)
+        hint = "denoise a smaller frame if that is too large for it" if short else "try again with a new Denoiser"
+        raise DeviceError(
+            f"{name} failed ({error}): see with `mcdenoise devices` whether it is still there, and {hint}, or choose "
+            f"another with device=..., --device or {DEVICE_VARIABLE}"
+        ) from error
