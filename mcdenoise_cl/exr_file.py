@@ -16,9 +16,13 @@ from .errors import ExrError
 
 MAGIC = b"\x76\x2f\x31\x01"
 DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
-#: Bytes of pixels that one byte of a file can stand for at most. A constant image of 4096 x 4096 in DWAB, the smallest
-#: there is, has 24000; more than a million is a damaged header.
+#: Bytes of pixels that one byte of a file can stand for at most. A constant image of 16384 x 4096 in HTJ2K, the
+#: smallest there is, has 150000; more than a million is a damaged header.
 DENSEST = 1_000_000
+#: The same for the table of how many samples the pixels of a deep part have, four bytes a pixel: ZIP makes a
+#: thousandth of it at best, ZSTD less than a ten-thousandth. It is bounded closer as it costs more memory: OpenEXR
+#: hands out an object a pixel.
+DENSEST_DEEP = 50_000
 #: Pixels to the side of a tile, where the image is not larger. OpenEXR takes memory for whole tiles.
 WIDEST_TILE = 4096
 
@@ -76,8 +80,9 @@ def _check_claims(path: str | os.PathLike[str], headers: Sequence[Mapping[str, A
     for header in headers:
         (x0, y0), (x1, y1) = (corner.tolist() for corner in header["dataWindow"])
         width, height = x1 - x0 + 1, y1 - y0 + 1
-        least = 2 * len(header["channels"]) * width * height  # a channel has at least two bytes a pixel
-        if least > DENSEST * size:
+        deep = header["type"] in DEEP
+        least = (4 if deep else 2 * len(header["channels"])) * width * height  # a channel has two bytes a pixel or more
+        if least > (DENSEST_DEEP if deep else DENSEST) * size:
             raise ExrError(
                 f"{path} is damaged: its header tells of {width} x {height} pixels, at least {least / 2**30:.3g} GiB, "
                 f"but the file has {size} bytes: render or copy it again"

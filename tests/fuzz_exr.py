@@ -5,7 +5,7 @@ The fuzzer needs atheris, which is no part of the tests' own packages, so it has
     python3 -m venv /tmp/fuzz && /tmp/fuzz/bin/pip install atheris .
     PYTHONPATH=. nice /tmp/fuzz/bin/python tests/fuzz_exr.py /tmp/corpus -max_total_time=600
 
-It starts from the small files of `seeds`, keeps in the folder named what led to new lines of ours, and stops at the first
+It starts from the small files of `seeds`, keeps in that folder what led to new lines of ours, and stops at the first
 finding, which it writes to the current folder as `crash-...`, `oom-...` or `timeout-...`. A finding belongs, once it is
 fixed, into `fuzz_findings/` under a name that says what it is; `test_fuzz_findings.py` goes over that folder.
 
