@@ -13,6 +13,7 @@ from dataclasses import astuple, dataclass, field
 
 import pyopencl as cl
 
+from . import pocl_cache
 from .errors import DeviceError
 from .measured import recall
 
@@ -79,6 +80,7 @@ def list_devices() -> list[DeviceInfo]:
     Raises:
         DeviceError: no OpenCL runtime is installed.
     """
+    pocl_cache.prepare()
     try:
         platforms = cl.get_platforms()
     except cl.Error as error:  # the loader found no runtime
@@ -167,14 +169,16 @@ def context_for(device: cl.Device) -> cl.Context:
     """One context a device and process: making one takes long on some drivers.
 
     Raises:
-        DeviceError: the device cannot be opened, or is a PoCL that could not link its kernels.
+        DeviceError: the device cannot be opened, or is a PoCL that could not link its kernels or keep them.
     """
-    if "PoCL" in device.version and shutil.which("ld") is None:
-        # PoCL would not report this but end the process.
-        raise DeviceError(
-            "PoCL links its kernels with the system's linker, ld, which is missing: "
-            "on Debian and Ubuntu, apt-get install gcc libc6-dev"
-        )
+    if "PoCL" in device.version:
+        # What PoCL would not report but end the process for.
+        if shutil.which("ld") is None:
+            raise DeviceError(
+                "PoCL links its kernels with the system's linker, ld, which is missing: "
+                "on Debian and Ubuntu, apt-get install gcc libc6-dev"
+            )
+        pocl_cache.check_room()
     with _lock:
         if device not in _contexts:
             try:
