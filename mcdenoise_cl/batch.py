@@ -51,9 +51,10 @@ def find_exrs(folder: StrPath) -> list[Path]:
     """
     try:
         files = sorted(Path(folder).iterdir())
-    except OSError as error:
-        raise ExrError(f"{folder} cannot be read ({error.strerror}): give a folder of EXR files") from None
-    found = [p for p in files if p.suffix.lower() == ".exr" and not p.name.startswith(".") and p.is_file()]
+        found = [p for p in files if p.suffix.lower() == ".exr" and not p.name.startswith(".") and p.is_file()]
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ExrError(f"{folder} cannot be read ({reason}): give a folder of EXR files") from None
     if not found:
         raise ExrError(f"{folder} holds no EXR file: give a folder with *.exr directly in it")
     return found
@@ -140,12 +141,13 @@ def denoise_files(
     denoisers = _Denoisers(name, pick_device(device).device, parameters)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ExrError(f"{folder} cannot be made ({error.strerror}): give another output folder") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ExrError(f"{folder} cannot be made ({reason}): give another output folder") from None
     outcomes = []
     for source in sources:
         target = folder / source.name
-        if target.exists() and not overwrite:
+        if _exists(target) and not overwrite:
             outcome = Outcome(source, target)
         else:
             try:
@@ -165,11 +167,11 @@ def check_target(target: StrPath, overwrite: bool) -> None:
         ExrError: its folder does not exist, or the file does and `overwrite` is False.
     """
     target = Path(target)
-    if target.is_dir():
+    if os.path.isdir(target):  # noqa: PTH112 (a Path's raises for a name that is too long)
         raise ExrError(f"{target} is a folder: give the name of a file to write")
-    if not target.parent.is_dir():
+    if not os.path.isdir(target.parent):  # noqa: PTH112
         raise ExrError(f"{target} cannot be written, as there is no folder {target.parent}: make it first")
-    if target.exists() and not overwrite:
+    if _exists(target) and not overwrite:
         raise ExrError(
             f"{target} exists already: give another name, or pass --force (overwrite=True in Python) to replace it"
         )
@@ -241,6 +243,11 @@ def _identity(path: Path) -> tuple[int, int] | None:
     """What two paths to one file share, links and upper or lower case aside; None where there is no file."""
     try:
         status = path.stat()
-    except OSError:
+    except (OSError, ValueError):
         return None
     return status.st_dev, status.st_ino
+
+
+def _exists(path: Path) -> bool:
+    """Unlike a Path's own, this raises for no name and no permission: writing or reading then says what is wrong."""
+    return os.path.exists(path)  # noqa: PTH110

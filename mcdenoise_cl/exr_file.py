@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,18 +50,21 @@ class Part:
 def load(path: str | os.PathLike[str]) -> list[Part]:
     """Every part of a file, with all its pixels; nothing of it stays open."""
     try:
-        with Path(path).open("rb") as stream:
-            start = stream.read(4)
-    except OSError as error:
-        raise ExrError(f"{path} cannot be read ({error.strerror}): give the path of an EXR file that can be") from None
+        start = b""
+        if not Path(path).is_fifo():  # to open one would wait for whoever writes to it
+            with Path(path).open("rb") as stream:
+                start = stream.read(4)
+    except (OSError, ValueError) as error:  # a ValueError: there is a zero in the name
+        reason = getattr(error, "strerror", None) or error
+        raise ExrError(f"{path} cannot be read ({reason}): give the path of an EXR file that can be") from None
     if start != MAGIC:
         raise ExrError(f"{path} is not an EXR file, whatever its name: it does not start with the EXR signature")
     try:
         # OpenEXR 3.5 leaves out the parts whose pixels it cannot read, so they are counted first.
-        with OpenEXR.File(str(path), header_only=True) as file:
+        with _open(path) as source, OpenEXR.File(source, header_only=True) as file:
             expected = len(file.parts)
             _check_claims(path, [part.header for part in file.parts])
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with _open(path) as source, OpenEXR.File(source, separate_channels=True) as file:
             parts = [_extract(path, part) for part in file.parts]
     except ExrError:
         raise
@@ -72,6 +76,18 @@ def load(path: str | os.PathLike[str]) -> list[Part]:
     if len(parts) < max(expected, 1):
         raise ExrError(f"{path} is damaged or cut short, its pixels cannot be read: render or copy it again")
     return parts
+
+
+@contextlib.contextmanager
+def _open(path: str | os.PathLike[str]) -> Iterator[Any]:
+    """What OpenEXR reads: a path, or a stream where the name is none that it takes, such as one in Latin-1."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        with Path(path).open("rb") as stream:
+            yield stream
+    else:
+        yield str(path)
 
 
 def _check_claims(path: str | os.PathLike[str], headers: Sequence[Mapping[str, Any]]) -> None:
@@ -120,8 +136,11 @@ def _extract(path: str | os.PathLike[str], part: OpenEXR.Part) -> Part:
 
 def save(path: str | os.PathLike[str], parts: Sequence[Part]) -> None:
     """Write beside the final name and rename, so that nobody ever sees half a file."""
-    final = Path(os.path.realpath(path))  # a link keeps pointing to the file
-    if final.exists() and not final.is_file():
+    try:
+        final = Path(os.path.realpath(path))  # a link keeps pointing to the file
+    except ValueError as error:
+        raise ExrError(f"{path} cannot be written ({error}): give the path of a file") from None
+    if os.path.exists(final) and not os.path.isfile(final):  # noqa: PTH110, PTH113 (a Path's raise for odd names)
         raise ExrError(f"{path} is not a regular file: give the path of a file to write")
     temporary = final.with_name(f".mcdenoise-{secrets.token_hex(8)}.tmp")
     try:
