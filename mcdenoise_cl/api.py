@@ -17,7 +17,7 @@ from .engine import Engine, Planes
 from .errors import DeviceError, FrameError, ParameterError
 from .frame import PLANES, Frame
 from .methods import Method, get_method, settle
-from .methods.parameters import make
+from .methods.parameters import make, shown
 from .methods.result import Result
 from .stages.door import Strided, door, strided, upload
 from .stages.exit import leave
@@ -62,7 +62,7 @@ class Denoiser:
     ) -> None:
         for name, value in (("height", height), ("width", width)):
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-                raise ParameterError(f"{name} is {value!r} but a whole number of at least 1 is needed")
+                raise ParameterError(f"{name} is {shown(value)} but a whole number of at least 1 is needed")
         self.height, self.width = int(height), int(width)
         name, parameters = settle(method, preset, parameters)
         self.method: Method = get_method(name)
