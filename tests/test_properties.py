@@ -50,12 +50,6 @@ junk = st.one_of(
 )
 
 
-def one_sentence(error):
-    text = str(error.value)
-    assert text and "\n" not in text.strip(), text
-    return text
-
-
 @MANY
 @given(st.data())
 def test_a_parameter_is_checked_whatever_it_is(data):
@@ -65,7 +59,7 @@ def test_a_parameter_is_checked_whatever_it_is(data):
     try:
         made = getattr(make(method.make, method.name, {info.name: value}), info.name)
     except ParameterError as error:
-        assert info.name in str(error) and len(str(error)) < 400
+        assert info.name in str(error) and len(str(error)) < 400 and "\n" not in str(error)
         return
     if made is None:
         assert info.default is None and value is None
@@ -90,8 +84,8 @@ def test_a_parameter_is_checked_on_the_command_line(data, text):
 
 
 @MANY
-@given(junk, junk, st.sampled_from(["method", "preset", "height", "width", "device"]))
-def test_other_arguments_are_checked_whatever_they_are(value, _, name):
+@given(junk, st.sampled_from(["method", "preset", "height", "width", "device"]))
+def test_other_arguments_are_checked_whatever_they_are(value, name):
     arguments = {"height": 3, "width": 4, "method": "nlm"} | {name: value}
     if name == "preset":
         del arguments["method"]
@@ -224,19 +218,12 @@ def test_device_arrays_of_any_strides_give_the_bits_of_the_host(device, data):
     order = data.draw(st.sampled_from("CF"))
     big = pixels("noise", (start + height * rows, start + width * columns, 3), 0).astype(dtype)
     inside = (slice(start, None, rows), slice(start, None, columns))
-    on_device = cl_array.to_device(queue, np.asarray(big, order=order))[inside]
-    expected = denoise(big[inside], **{"method": "nlm"} | SETTINGS["nlm"][1])
-    assert denoise(on_device, **{"method": "nlm"} | SETTINGS["nlm"][1]).get().tobytes() == expected.tobytes()
-    denoise(on_device, out=on_device, **{"method": "nlm"} | SETTINGS["nlm"][1])
-    queue.finish()
-    np.testing.assert_array_equal(on_device.map_to_host().copy() if False else strided_host(on_device), expected)
-
-
-def strided_host(array):
-    """A device array of any strides on the host, which `get` refuses."""
-    flat = np.empty(array.base_data.size, np.uint8)
-    cl.enqueue_copy(array.queue, flat, array.base_data)
-    return np.ndarray(array.shape, array.dtype, flat, array.offset, array.strides).copy()
+    whole = cl_array.to_device(queue, np.asarray(big, order=order))
+    expected = denoise(big[inside], method="nlm", **SETTINGS["nlm"][1])
+    assert denoise(whole[inside], method="nlm", **SETTINGS["nlm"][1]).get().tobytes() == expected.tobytes()
+    denoise(whole[inside], method="nlm", out=whole[inside], **SETTINGS["nlm"][1])
+    big[inside] = expected
+    assert whole.get().tobytes(order) == big.tobytes(order), "and nothing beside it is written"
 
 
 @settings(FEW, max_examples=40)
