@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from typing import Any
 
@@ -12,12 +13,12 @@ import pyopencl.array as cl_array
 from .bands import Filtered, budget_of, fewer_rows, filter_frame, first_guess, least_rows
 from .choose import pick_device
 from .details import Denoised, Report, error_map, make_report, model_map
-from .device import Shape, context_for
+from .device import Shape, context_for, device_errors
 from .engine import Engine
 from .errors import BudgetError, DeviceError, FrameError, NoRoomError, ParameterError
 from .frame import PLANES, Frame
 from .methods import Method, get_method, settle
-from .methods.parameters import make
+from .methods.parameters import make, shown
 from .stages.door import Strided, strided, upload
 from .stages.source import Source
 
@@ -67,23 +68,27 @@ class Denoiser:
             sizes["max_memory_mb"] = max_memory_mb
         for name, value in sizes.items():
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-                raise ParameterError(f"{name} is {value!r} but a whole number of at least 1 is needed")
+                raise ParameterError(f"{name} is {shown(value)} but a whole number of at least 1 is needed")
         self.height, self.width = int(height), int(width)
         name, parameters = settle(method, preset, parameters)
         self.method: Method = get_method(name)
         self.parameters = make(self.method.make, name, parameters)
         if queue is not None and device is not None:
             raise ParameterError("device and queue are both given: pass one, since a queue belongs to a device")
-        if queue is None:
-            chosen = pick_device(device).device
-            queue = cl.CommandQueue(
-                context_for(chosen), chosen, properties=cl.command_queue_properties.PROFILING_ENABLE
-            )
-        self._engine = Engine(queue)
+        self._device = pick_device(device).device if queue is None else queue.device
+        self._name = self._device.name.strip()
+        with self._errors():
+            if queue is None:
+                profiling = cl.command_queue_properties.PROFILING_ENABLE
+                queue = cl.CommandQueue(context_for(self._device), self._device, properties=profiling)
+            self._engine = Engine(queue)
         self._lock = threading.Lock()
         self._engine.budget = budget_of(self._engine.device, max_memory_mb)
         self._rows = first_guess(self.height, self.width, self._engine.budget, self._least_rows)
         self._last: tuple[Filtered, tuple[str, ...], cl.MemoryObjectHolder] | None = None
+
+    def _errors(self) -> contextlib.AbstractContextManager[None]:
+        return device_errors(self._name, self._device)
 
     @property
     def queue(self) -> cl.CommandQueue:
@@ -102,7 +107,7 @@ class Denoiser:
         Raises:
             ParameterError: no frame has been denoised yet.
         """
-        with self._lock:
+        with self._lock, self._errors():
             found, names, bad = self._last_frame()
             replaced = self._replaced(names, bad)
             return make_report(self._engine, self.method, self.parameters, found.result, found.summaries, replaced)
@@ -114,7 +119,7 @@ class Denoiser:
         Raises:
             ParameterError: no frame has been denoised yet.
         """
-        with self._lock:
+        with self._lock, self._errors():
             return model_map(self._last_frame()[0].summaries(True))
 
     @property
@@ -124,7 +129,7 @@ class Denoiser:
         Raises:
             ParameterError: no frame has been denoised yet.
         """
-        with self._lock:
+        with self._lock, self._errors():
             return error_map(self._last_frame()[0].summaries(True))
 
     def _last_frame(self) -> tuple[Filtered, tuple[str, ...], cl.MemoryObjectHolder]:
@@ -147,11 +152,11 @@ class Denoiser:
         Raises:
             FrameError: the frame has another size, lacks a plane that the method needs, lies in another context,
                 has no finite pixel (host frames; on the device such a frame comes out black), or `out` does not fit.
-            DeviceError: the device has no room.
+            DeviceError: the device has no room, or has failed: then make another Denoiser.
         """
         frame = as_frame(frame_or_color, planes)
         self._check(frame, out)
-        with self._lock:
+        with self._lock, self._errors():
             return self._run_device(frame, out) if frame.on_device else self._run_host(frame, out)
 
     def _check(self, frame: Frame, out: Any) -> None:
@@ -191,7 +196,8 @@ class Denoiser:
                 alive.append(host)
             return self._download(arrays, frame, out)
         except BaseException:
-            engine.queue.finish()
+            with contextlib.suppress(cl.Error):  # where the device is gone, nothing reads them any more
+                engine.queue.finish()
             raise
 
     def _download(self, arrays: dict[str, Strided], frame: Frame, out: np.ndarray | None) -> np.ndarray:

@@ -15,7 +15,7 @@ import pyopencl as cl
 from .api import Denoiser
 from .choose import pick_device
 from .details import Report
-from .errors import ExrError, FrameError
+from .errors import DeviceError, ExrError, FrameError
 from .exr import read_exr, write_exr
 from .frame import Frame
 from .methods import get_method, settle
@@ -51,9 +51,10 @@ def find_exrs(folder: StrPath) -> list[Path]:
     """
     try:
         files = sorted(Path(folder).iterdir())
-    except OSError as error:
-        raise ExrError(f"{folder} cannot be read ({error.strerror}): give a folder of EXR files") from None
-    found = [p for p in files if p.suffix.lower() == ".exr" and not p.name.startswith(".") and p.is_file()]
+        found = [p for p in files if p.suffix.lower() == ".exr" and not p.name.startswith(".") and p.is_file()]
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ExrError(f"{folder} cannot be read ({reason}): give a folder of EXR files") from None
     if not found:
         raise ExrError(f"{folder} holds no EXR file: give a folder with *.exr directly in it")
     return found
@@ -69,6 +70,7 @@ def denoise_file(
     layers: Mapping[str, str] | None = None,
     samples_per_pixel: int | None = None,
     overwrite: bool = False,
+    max_memory_mb: int | None = None,
     **parameters: Any,
 ) -> Outcome:
     """Denoise the colour of one EXR file; every other layer is kept.
@@ -80,7 +82,8 @@ def denoise_file(
         device: index, part of a name, or `pyopencl.Device`; None: the default device.
         layers, samples_per_pixel: as for `read_exr`.
         overwrite: write over an existing target.
-        **parameters: the method's, by name; and `max_memory_mb`, as for `Denoiser`.
+        max_memory_mb: as for `Denoiser`.
+        **parameters: the method's, by name.
 
     Raises:
         ExrError: a file cannot be read or written, or the target exists.
@@ -100,7 +103,7 @@ def denoise_file(
         raise ExrError(f"{target} is the input itself, which is never written to: give another output")
     check_target(target, overwrite)
     name, parameters = settle(method, preset, parameters)
-    return _denoise(source, target, _Denoisers(name, device, parameters), layers, samples_per_pixel)
+    return _denoise(source, target, _Denoisers(name, device, max_memory_mb, parameters), layers, samples_per_pixel)
 
 
 def denoise_files(
@@ -114,6 +117,7 @@ def denoise_files(
     samples_per_pixel: int | None = None,
     overwrite: bool = False,
     on_progress: Callable[[Outcome], None] | None = None,
+    max_memory_mb: int | None = None,
     **parameters: Any,
 ) -> list[Outcome]:
     """Denoise files into a folder, under their own names; one that fails does not stop the others.
@@ -123,7 +127,8 @@ def denoise_files(
         folder: made where it is missing.
         overwrite: write over existing files there; otherwise their sources are skipped.
         on_progress: called after each file.
-        method, preset, device, layers, samples_per_pixel, **parameters: as for `denoise_file`, for every file.
+        method, preset, device, layers, samples_per_pixel, max_memory_mb, **parameters: as for `denoise_file`, for every
+            file.
 
     Returns:
         An outcome for each source, in order.
@@ -137,15 +142,16 @@ def denoise_files(
     _check_targets(sources, folder)
     name, parameters = settle(method, preset, parameters)
     make(get_method(name).make, name, parameters)
-    denoisers = _Denoisers(name, pick_device(device).device, parameters)
+    denoisers = _Denoisers(name, pick_device(device).device, max_memory_mb, parameters)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ExrError(f"{folder} cannot be made ({error.strerror}): give another output folder") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ExrError(f"{folder} cannot be made ({reason}): give another output folder") from None
     outcomes = []
     for source in sources:
         target = folder / source.name
-        if target.exists() and not overwrite:
+        if _exists(target) and not overwrite:
             outcome = Outcome(source, target)
         else:
             try:
@@ -165,11 +171,11 @@ def check_target(target: StrPath, overwrite: bool) -> None:
         ExrError: its folder does not exist, or the file does and `overwrite` is False.
     """
     target = Path(target)
-    if target.is_dir():
+    if os.path.isdir(target):  # noqa: PTH112 (a Path's raises for a name that is too long)
         raise ExrError(f"{target} is a folder: give the name of a file to write")
-    if not target.parent.is_dir():
+    if not os.path.isdir(target.parent):  # noqa: PTH112
         raise ExrError(f"{target} cannot be written, as there is no folder {target.parent}: make it first")
-    if target.exists() and not overwrite:
+    if _exists(target) and not overwrite:
         raise ExrError(
             f"{target} exists already: give another name, or pass --force (overwrite=True in Python) to replace it"
         )
@@ -181,16 +187,20 @@ class _Denoisers:
     Only the last one is kept: each holds device memory for a whole frame.
     """
 
-    def __init__(self, method: str, device: Any, parameters: Mapping[str, Any]) -> None:
-        self._method, self._device, self._parameters = method, device, parameters
+    def __init__(self, method: str, device: Any, max_memory_mb: int | None, parameters: Mapping[str, Any]) -> None:
+        self._options = {"method": method, "device": device, "max_memory_mb": max_memory_mb, **parameters}
         self._last: Denoiser | None = None
 
     def for_frame(self, frame: Frame) -> Denoiser:
         last = self._last
         if last is None or (last.height, last.width) != frame.shape:
             self._last = last = None  # its memory goes before the next one asks for its own
-            self._last = Denoiser(*frame.shape, method=self._method, device=self._device, **self._parameters)
+            self._last = Denoiser(*frame.shape, **self._options)
         return self._last
+
+    def forget(self) -> None:
+        """Make a new one for the next frame: the device of this one failed, but may be back by then."""
+        self._last = None
 
 
 def _denoise(
@@ -204,13 +214,16 @@ def _denoise(
         frame = read_exr(source, layers=layers, samples_per_pixel=samples_per_pixel)
     denoiser = denoisers.for_frame(frame)
     try:
-        clean = denoiser(frame)
+        clean, report = denoiser(frame), denoiser.report
     except FrameError as error:
         raise FrameError(f"{source}: {error}") from error
+    except DeviceError:
+        denoisers.forget()
+        raise
     write_exr(target, clean, template=source, layers=layers)
     used = denoiser.method.takes(frame.planes())
     named = {plane: layer for plane, layer in frame.metadata["layers"].items() if plane in used}
-    return Outcome(source, target, denoiser.report, named)
+    return Outcome(source, target, report, named)
 
 
 def _check_targets(sources: list[Path], folder: Path) -> None:
@@ -234,6 +247,11 @@ def _identity(path: Path) -> tuple[int, int] | None:
     """What two paths to one file share, links and upper or lower case aside; None where there is no file."""
     try:
         status = path.stat()
-    except OSError:
+    except (OSError, ValueError):
         return None
     return status.st_dev, status.st_ino
+
+
+def _exists(path: Path) -> bool:
+    """Unlike a Path's own, this raises for no name and no permission: writing or reading then says what is wrong."""
+    return os.path.exists(path)  # noqa: PTH110

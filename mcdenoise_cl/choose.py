@@ -38,10 +38,12 @@ def pick_device(choice: str | int | cl.Device | None = None) -> DeviceInfo:
     if choice is None:
         return _default(devices)
     text = str(choice).strip()
-    if text.lstrip("-").isdigit():
-        matches = [info for info in devices if info.index == int(text)]
+    if text.removeprefix("-").isdecimal():
+        matches = [info for info in devices if str(info.index) == text]
     else:
-        matches = [info for info in devices if text.lower() in f"{info.name} {info.runtime} {info.version}".lower()]
+        matches = [
+            info for info in devices if text and text.lower() in f"{info.name} {info.runtime} {info.version}".lower()
+        ]
     if not matches:
         known = "; ".join(f"{info.index}: {info.name} ({info.runtime}, {info.version})" for info in devices)
         raise DeviceError(f"{origin} is {text!r}, which is none of the devices here: choose one of {known}")

@@ -151,10 +151,11 @@ def denoise(
     name, parameters = settle(method, preset, {})
     options = {"method": name, "layers": _layers(layers), "samples_per_pixel": samples, "overwrite": force}
     options |= parameters | _parameters(name, pairs) | {"device": _device(device), "max_memory_mb": max_memory_mb}
-    is_folder = Path(inputs[0]).is_dir()
-    if len(inputs) > 1 and any(Path(name).is_dir() for name in inputs):
+    is_dir = os.path.isdir  # a Path's raises for a name that is too long
+    is_folder = is_dir(inputs[0])
+    if len(inputs) > 1 and any(map(is_dir, inputs)):
         raise _usage("there is a folder among several inputs, but one folder or several files are needed")
-    if len(inputs) == 1 and not is_folder and not Path(output).is_dir() and not output.endswith(("/", os.sep)):
+    if len(inputs) == 1 and not is_folder and not is_dir(output) and not output.endswith(("/", os.sep)):
         tell_outcome(batch.denoise_file(inputs[0], output, **options), automatic=method is None)
         return 0
     sources = batch.find_exrs(inputs[0]) if is_folder else inputs

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
 import shutil
 import threading
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass, field
 
 import pyopencl as cl
 
+from . import pocl_cache
 from .errors import DeviceError
 from .measured import recall
 
@@ -77,6 +80,7 @@ def list_devices() -> list[DeviceInfo]:
     Raises:
         DeviceError: no OpenCL runtime is installed.
     """
+    pocl_cache.prepare()
     try:
         platforms = cl.get_platforms()
     except cl.Error as error:  # the loader found no runtime
@@ -87,7 +91,9 @@ def list_devices() -> list[DeviceInfo]:
             devices = platform.get_devices()
         except cl.Error:  # a runtime without a device of its kind in this machine
             continue
-        found += [describe(len(found) + i, device) for i, device in enumerate(devices)]
+        for device in devices:
+            with contextlib.suppress(cl.Error):  # a device that is gone answers no question
+                found.append(describe(len(found), device))
     return found
 
 
@@ -163,14 +169,16 @@ def context_for(device: cl.Device) -> cl.Context:
     """One context a device and process: making one takes long on some drivers.
 
     Raises:
-        DeviceError: the device cannot be opened, or is a PoCL that could not link its kernels.
+        DeviceError: the device cannot be opened, or is a PoCL that could not link its kernels or keep them.
     """
-    if "PoCL" in device.version and shutil.which("ld") is None:
-        # PoCL would not report this but end the process.
-        raise DeviceError(
-            "PoCL links its kernels with the system's linker, ld, which is missing: "
-            "on Debian and Ubuntu, apt-get install gcc libc6-dev"
-        )
+    if "PoCL" in device.version:
+        # What PoCL would not report but end the process for.
+        if shutil.which("ld") is None:
+            raise DeviceError(
+                "PoCL links its kernels with the system's linker, ld, which is missing: "
+                "on Debian and Ubuntu, apt-get install gcc libc6-dev"
+            )
+        pocl_cache.check_room()
     with _lock:
         if device not in _contexts:
             try:
@@ -181,3 +189,24 @@ def context_for(device: cl.Device) -> cl.Context:
                     f"--device or {DEVICE_VARIABLE}"
                 ) from error
         return _contexts[device]
+
+
+@contextlib.contextmanager
+def device_errors(name: str, device: cl.Device | None = None) -> Iterator[None]:
+    """What OpenCL raises while it works, for instance because the device was unplugged or reset, as a `DeviceError`.
+
+    Args:
+        name: of the device, asked for while it was there.
+        device: whose context is not handed out again after such an error, so that whoever tries again starts afresh.
+    """
+    try:
+        yield
+    except cl.Error as error:
+        with _lock:
+            _contexts.pop(device, None)
+        short = error.code in (cl.status_code.OUT_OF_RESOURCES, cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE)
+        hint = "denoise a smaller frame if that is too large for it" if short else "try again with a new Denoiser"
+        raise DeviceError(
+            f"{name} failed ({error}): see with `mcdenoise devices` whether it is still there, and {hint}, or choose "
+            f"another with device=..., --device or {DEVICE_VARIABLE}"
+        ) from error

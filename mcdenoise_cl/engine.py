@@ -83,7 +83,7 @@ class Engine:
         key = (file, name, tuple(sorted(defines.items())))
         if key not in self._kernels:
             built = program.build(self.context, file, {"WIDTH": self.shape.width, **defines})
-            self._kernels[key] = cl.Kernel(built, name)
+            self._kernels[key] = program.make_kernel(built, name)
         return self._kernels[key]
 
     def tile_defines(self, patch_radius: int, *, deep: bool = False) -> dict[str, int]:

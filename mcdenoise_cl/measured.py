@@ -1,7 +1,8 @@
-"""What was measured once on this machine and is kept in the user's cache folder."""
+"""What was found out once on this machine and is kept in the user's cache folder."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import tempfile
@@ -21,20 +22,30 @@ def recall(key: str) -> Any:
 
 def remember(key: str, value: Any) -> bool:
     """Keep a JSON value for later runs, in one step; False where the cache cannot be written (a read-only home)."""
-    path = _path(key)
+    return put(_path(key), json.dumps(value).encode())
+
+
+def put(path: Path, data: bytes) -> bool:
+    """Make a file of the cache appear whole, or not at all: False where it cannot be written."""
+    part = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
-            json.dump(value, file)
-        Path(file.name).replace(path)
+        with tempfile.NamedTemporaryFile("wb", dir=path.parent, prefix="part-", delete=False) as file:
+            part = Path(file.name)
+            file.write(data)
+        part.replace(path)
     except OSError:
+        if part is not None:
+            with contextlib.suppress(OSError):
+                part.unlink()
         return False
     return True
 
 
 def forget(key: str) -> None:
     """Remember nothing under this key."""
-    _path(key).unlink(missing_ok=True)
+    with contextlib.suppress(OSError):  # there is nothing, or it stays where nothing can be changed
+        _path(key).unlink()
 
 
 def folder() -> Path:

@@ -6,6 +6,7 @@ scene-linear colour and uint8 is shown as it is. Needs Pillow.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import secrets
@@ -290,8 +291,13 @@ def replace_file(path: Path, data: bytes) -> None:
     try:
         part.write_bytes(data)
         part.replace(path)
+    except OSError as error:
+        raise McdenoiseError(
+            f"{path} cannot be written ({error.strerror}): check the folder, its permissions and its free space"
+        ) from error
     finally:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink()
 
 
 def pillow(module: str) -> Any:

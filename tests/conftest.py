@@ -2,6 +2,7 @@
 
 import pyopencl as cl
 import pytest
+from processes import digest, filled, place, pocl, warm  # noqa: F401 (fixtures of the tests of caches)
 
 from mcdenoise_cl.choose import pick_device
 from mcdenoise_cl.device import context_for

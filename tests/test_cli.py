@@ -219,7 +219,10 @@ def test_wrong_usage(noisy, tmp_path, capsys):
         (["denoise", noisy, "-o", out, "--method", "no"], "'no' is not one of 'nlm'"),
         (["denoise", noisy, "-o", out, "--set", "h"], "--set is 'h', but NAME=VALUE is needed; see mcdenoise denoise"),
         (["denoise", noisy, "-o", out, "--set", "no=1"], "--set has 'no', but method auto has the parameters search"),
-        (["denoise", noisy, "-o", out, "--set", "exposure=wide"], "exposure is 'wide' but a number of at least 1e-30,"),
+        (
+            ["denoise", noisy, "-o", out, "--set", "exposure=wide"],
+            "exposure is 'wide' but a number from 1e-30 to 1e+30,",
+        ),
         (["denoise", noisy, "-o", out, "--set", "search_radius=-1"], "is -1 but a whole number from 0 to"),
         (["denoise", noisy, "-o", out, "--layer", "no=N"], "--layer has 'no', but the planes are color, albedo"),
         (

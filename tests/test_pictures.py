@@ -80,7 +80,7 @@ def test_write_png_follows_the_umask(tmp_path):
 
 def test_write_png_leaves_nothing_behind_when_it_fails(tmp_path):
     (tmp_path / "taken.png").mkdir()
-    with pytest.raises(OSError):
+    with pytest.raises(McdenoiseError, match=r"taken.png cannot be written \(Is a directory\)"):
         pictures.write_png(tmp_path / "taken.png", np.zeros((1, 1, 3)))
     with pytest.raises(McdenoiseError, match=r"no/a.png cannot be written because its folder does not exist: make"):
         pictures.write_png(tmp_path / "no" / "a.png", np.zeros((1, 1, 3)))

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import ParameterError
 from . import auto, guided, nlm, regression, ssim_nlm
-from .parameters import ParameterInfo, describe
+from .parameters import ParameterInfo, describe, shown
 from .presets import DEFAULT_PRESET, PRESETS, settle
 
 __all__ = ["DEFAULT_PRESET", "PRESETS", "Method", "get_method", "methods", "settle"]
@@ -89,6 +89,6 @@ def get_method(name: str) -> Method:
     Raises:
         ParameterError: there is none.
     """
-    if name not in _METHODS:
-        raise ParameterError(f"method is {name!r} but one of {', '.join(_METHODS)} is needed")
+    if not isinstance(name, str) or name not in _METHODS:
+        raise ParameterError(f"method is {shown(name)} but one of {', '.join(_METHODS)} is needed")
     return _METHODS[name]

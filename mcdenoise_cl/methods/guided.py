@@ -60,7 +60,11 @@ class Parameters:
     outlier_limit: float = parameter(1.0, "an outlier is brighter than this many times its neighbours", low=1.0)
     spread_radius: int = parameter(50, "three boxes of this radius, in pixels, spread removed light", low=0, high=1024)
     exposure: float | None = parameter(
-        None, "factor that brings colours to order 1; none: 0.18 / log-average luminance", kind=float, low=1e-30
+        None,
+        "factor that brings colours to order 1; none: 0.18 / log-average luminance",
+        kind=float,
+        low=1e-30,
+        high=1e30,
     )
 
 

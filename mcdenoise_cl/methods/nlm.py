@@ -38,7 +38,7 @@ class Parameters:
         "largest", "weight of the pixel itself: one, as eq. 5 has it, or the largest of the others", choices=CENTERS
     )
     exposure: float | None = parameter(
-        None, "factor before tonemapping; none: 0.18 / log-average luminance", kind=float, low=1e-30
+        None, "factor before tonemapping; none: 0.18 / log-average luminance", kind=float, low=1e-30, high=1e30
     )
     curve: str = parameter("reinhard", "tonemapping before colours are compared", choices=CURVES)
     average: str = parameter(

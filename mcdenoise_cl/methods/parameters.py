@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
+import numpy as np
+
 from ..errors import ParameterError
+
+#: The largest number of any parameter without a range of its own: what float32 can hold.
+LARGEST = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
@@ -75,31 +79,42 @@ def parse(info: ParameterInfo, text: str) -> Any:
     try:
         value = words[lower] if info.type is bool else info.type(text.strip())
     except (KeyError, ValueError):
-        raise ParameterError(f"{info.name} is {text!r} but {_expected(info)} is needed") from None
+        raise ParameterError(f"{info.name} is {shown(text)} but {_expected(info)} is needed") from None
     return _check(info, value)
 
 
 def _check(info: ParameterInfo, value: Any) -> Any:
     if value is None and info.default is None:
         return None
-    wrong = ParameterError(f"{info.name} is {value!r} but {_expected(info)} is needed")
+    wrong = ParameterError(f"{info.name} is {shown(value)} but {_expected(info)} is needed")
     if info.type is str:
-        if value not in info.choices:
+        if not isinstance(value, str) or value not in info.choices:
             raise wrong
         return value
-    if hasattr(value, "item") and getattr(value, "ndim", None) == 0:
-        value = value.item()  # a NumPy scalar
+    if isinstance(value, np.ndarray | np.generic) and value.ndim == 0 and value is not np.ma.masked:
+        value = value.item()
     if info.type is bool:
         if not isinstance(value, bool):
             raise wrong
         return value
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise wrong
-    if info.type is int and value != int(value):
+    if not abs(value) < float("inf") or (info.type is int and value != int(value)):
         raise wrong
     if (info.low is not None and value < info.low) or (info.high is not None and value > info.high):
         raise wrong
+    if abs(value) > LARGEST:
+        raise ParameterError(f"{info.name} is {shown(value)}, which float32 cannot hold: {_expected(info)} is needed")
     return info.type(value)
+
+
+def shown(value: Any) -> str:
+    """What was given, on one line that is not too long."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # an integer of too many digits, or an object that does not know itself
+        return f"a {type(value).__name__}"
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def _expected(info: ParameterInfo) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 from ..errors import ParameterError
 from . import auto, guided, regression
+from .parameters import shown
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,11 @@ def settle(method: str | None, preset: str | None, parameters: Mapping[str, Any]
     """
     if method is not None and preset is not None:
         raise ParameterError(
-            f"method {method!r} and preset {preset!r} are both given: pass one, as a preset is a method"
+            f"method {shown(method)} and preset {shown(preset)} are both given: pass one, as a preset is a method"
         )
     if method is not None:
         return method, dict(parameters)
-    if preset is not None and preset not in PRESETS:
-        raise ParameterError(f"preset is {preset!r} but one of {', '.join(PRESETS)} is needed")
+    if preset is not None and not (isinstance(preset, str) and preset in PRESETS):
+        raise ParameterError(f"preset is {shown(preset)} but one of {', '.join(PRESETS)} is needed")
     chosen = PRESETS[preset or DEFAULT_PRESET]
     return chosen.method, {**chosen.parameters, **parameters}
