@@ -35,7 +35,7 @@ def channel_sum(engine: Engine, planes: Planes) -> Planes:
 
 
 def scale(engine: Engine, planes: Planes, factor: cl.MemoryObjectHolder, power: int = 1) -> Planes:
-    """planes * factor^power, for power 1, 2 or -1."""
+    """planes * factor^power, for power 1 or -1."""
     return _map(engine, "scale", planes, after=(factor, power))
 
 
