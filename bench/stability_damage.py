@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from stability_base import HEIGHT, SPP, WIDTH, room
+from stability_base import HEIGHT, SPP, WIDTH, planes_of, room
 
 from mcdenoise_cl import Frame
 
@@ -143,6 +143,17 @@ def constant(values: dict[str, tuple[float, ...] | float]) -> Made:
             planes[f"{name}_variance"][:] = 0
 
     return damaged(change)
+
+
+def one_plane(stripe: int) -> Made:
+    """A wall with stripes of so many pixels and the edge of a shadow, and one normal: every SSIM is 1."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    albedo = (0.5 + 0.3 * (x // stripe % 2))[..., None] * np.float32([1, 0.9, 0.8])
+    truth = (albedo * np.where(x + y > 140, 0.3, 1.0)[..., None]).astype(np.float32)
+    samples = truth * np.random.default_rng(6).gamma(4.0, 1 / 4.0, (SPP, HEIGHT, WIDTH, 1))
+    color, color_variance = planes_of(samples.astype(np.float32))
+    normal = np.zeros_like(truth) + np.float32([0, 0, 1])
+    return Frame(color, albedo=albedo.astype(np.float32), normal=normal, color_variance=color_variance), truth, None
 
 
 def alternating() -> Made:
