@@ -114,7 +114,7 @@ DEGENERATE = (
     ("equal-normals", "one normal everywhere", LIKE_WITHOUT, lambda: damage.constant({"normal": (0, 0, 1)})),
     ("one-plane", "a plane with stripes of 6 pixels and a shadow", BETTER, lambda: damage.one_plane(6)),
     ("one-plane-fine", "the same with stripes of 3 pixels", BETTER, lambda: damage.one_plane(3)),
-    ("opposite-normals", "normals alternate in sign: SSIM is below 0", LIKE_WITHOUT, damage.alternating),
+    ("opposite-normals", "normals turn round every 3 pixels: SSIM is below 0", LIKE_WITHOUT, damage.opposite_normals),
     ("no-noise", "no noise, and variances of 0", "the input, but for rounding", damage.without_noise),
     ("zero-normals", "every normal is 0, as in the sky", LIKE_WITHOUT, lambda: damage.constant({"normal": (0, 0, 0)})),
     ("zero-albedo", "every albedo is 0, as of metal", LIKE_WITHOUT, lambda: damage.constant({"albedo": (0, 0, 0)})),

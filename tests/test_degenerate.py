@@ -51,6 +51,13 @@ def alternating(planes):
     planes["normal"] *= np.where((x + y) % 2, 1, -1)[..., None].astype(np.float32)
 
 
+def in_stripes(planes):
+    """Normals that turn round every three pixels: patches three pixels apart are opposites."""
+    stripes = np.where(np.arange(SIZE[1]) // 3 % 2, 1, -1)[:, None]
+    planes["normal"][:] = stripes * np.float32([1, 1, 1]) / np.sqrt(3)
+    planes["normal_variance"][:] = 0
+
+
 def uneven(planes):
     scaled("normal", np.random.default_rng(5).uniform(0.2, 5, (*SIZE, 1)))(planes)
 
@@ -70,6 +77,7 @@ DAMAGE = {
     "equal normals": (constant(normal=(0, 0, 1)), ("normal",)),
     "normals of 0": (constant(normal=0), ("normal",)),
     "normals that alternate": (alternating, ("normal",)),
+    "normals in stripes": (in_stripes, ("normal",)),
     "normals of uneven lengths": (uneven, ("normal",)),
     "albedo of 0": (constant(albedo=0), ("albedo",)),
     "albedo up to 4": (scaled("albedo", 5.0), ("albedo",)),
@@ -83,7 +91,7 @@ DAMAGE = {
     "mirrored": (mirrored, FEATURES),
 }
 #: What changes from pixel to pixel with variances that call it exact: fits follow some of it.
-MISLEADING = ("normals that alternate", "normals of uneven lengths", "mirrored")
+MISLEADING = ("normals that alternate", "normals in stripes", "normals of uneven lengths", "mirrored")
 
 
 def damaged(kind):
@@ -175,12 +183,15 @@ def test_on_a_plane_our_methods_keep_shadows_and_stripes(method):
 
 @pytest.mark.parametrize("stabilised", [True, False])
 def test_patches_that_are_opposites(stabilised):
-    """SSIM is below 0 at every odd step, where the logarithm of eq. 8 has no value: it is held at 1e-6."""
-    planes, truth = damaged("normals that alternate")
-    planes["normal_variance"][:] = 0
+    """Where SSIM is below 0 the logarithm of eq. 8 has no value: SSIM is held at 1e-6."""
+    planes, truth = damaged("normals in stripes")
+    unit = oracle.normal_to_unit(oracle.box_mean(oracle.box_mean(planes["normal"], 1), 1))
+    ssim = oracle.patch_ssim(unit, 3, 0, 2, 1e-4, 9e-4)
+    assert (ssim == 1e-6).mean() > 0.5
     out = denoise(Frame(**planes), method="ssim-nlm", stabilised=stabilised)
     assert np.isfinite(out).all()
-    assert relative_error(out, truth) < relative_error(planes["color"], truth)
+    if stabilised:  # as printed, pixels six apart and those above and below are averaged whatever their colours
+        assert relative_error(out, truth) < 0.5 * relative_error(planes["color"], truth)
 
 
 @pytest.mark.parametrize("method", METHODS)
