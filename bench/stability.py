@@ -1,11 +1,11 @@
 """Inputs on which denoisers are known to fail: what our methods, eq. 8 as printed and the peers make of each.
 
-    python bench/stability.py [--only TOPIC_OR_NAME ...] [--json FILE] [--pictures FOLDER]
+    python bench/stability.py [--only TOPIC_OR_NAME ...] [--absolute] [--json FILE] [--pictures FOLDER]
 
 Prints a table a topic. `input` is the relMSE of the input, over the judged pixels that are finite in it; the other
 figures are the relMSE of the result, over all judged pixels, divided by it: below 1 is better than the input. Where the
-input has no error the result's own is printed in brackets. "non-finite": a value came out that is no number. The last
-column is what the report of `auto` says was replaced, or taken from outliers.
+input has no error, and everywhere with --absolute, the result's own is printed, in brackets. "non-finite": a value came
+out that is no number. The last column is what the report of `auto` says was replaced, or taken from outliers.
 """
 
 from __future__ import annotations
@@ -126,12 +126,12 @@ def measure(case: Case) -> tuple[Outcome, dict[str, np.ndarray], float]:
     return outcome, images, exposure
 
 
-def cell(result: float | str, before: float | None) -> str:
-    """A figure over the input's, an error by its first words, or a word."""
+def cell(result: float | str, before: float | None, absolute: bool = False) -> str:
+    """A figure over the input's, or as it is in brackets; an error by its first words, or a word."""
     if isinstance(result, str):
         return result if len(result) <= 40 else f"{result[:39].rstrip()}…"
-    if before is None or before < NO_ERROR:
-        return f"({result:.1e})"
+    if absolute or before is None or before < NO_ERROR:
+        return f"({result:.2g})"
     return f"{result / before:.3g}"
 
 
@@ -143,14 +143,14 @@ def report_cell(outcome: Outcome) -> str:
     return ", ".join(parts)
 
 
-def print_table(topic: str, outcomes: list[Outcome]) -> None:
+def print_table(topic: str, outcomes: list[Outcome], absolute: bool) -> None:
     names = list(outcomes[0].results)
     print(f"\n## {topic}\n")
     print("| case | what is tried | input | " + " | ".join(names) + " | report of `auto` |")
     print("|:---|:---|---:|" + "---:|" * len(names) + ":---|")
     for outcome in outcomes:
         before = "" if outcome.input is None else f"{outcome.input:.2g}"
-        cells = [cell(outcome.results[name], outcome.input) for name in names]
+        cells = [cell(outcome.results[name], outcome.input, absolute) for name in names]
         print(f"| {outcome.name} | {outcome.tried} | {before} | " + " | ".join([*cells, report_cell(outcome)]) + " |")
 
 
@@ -165,6 +165,7 @@ def main() -> None:
     parser.add_argument(
         "--only", nargs="+", default=[], metavar="TOPIC_OR_NAME", help="topics or cases; all by default"
     )
+    parser.add_argument("--absolute", action="store_true", help="print relMSE itself, not over that of the input")
     parser.add_argument("--json", type=Path, help="write every figure to this file")
     parser.add_argument("--pictures", type=Path, help="write a picture of each case into this folder")
     options = parser.parse_args()
@@ -178,7 +179,7 @@ def main() -> None:
             outcomes.append(outcome)
             if options.pictures:
                 write_picture(options.pictures, case.name, images, exposure)
-        print_table(topic, outcomes)
+        print_table(topic, outcomes, options.absolute)
         every += outcomes
     if options.json:
         options.json.write_text(json.dumps([asdict(outcome) for outcome in every], indent=1) + "\n")
