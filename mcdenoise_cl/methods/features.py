@@ -47,8 +47,9 @@ def hold_back_outliers(
     engine: Engine, planes: dict[str, Planes], color: Planes, variance: Planes, limit: float
 ) -> tuple[Planes, Planes]:
     """`scale_outliers`, in place, for a frame with these planes: what was removed, and the factor of each pixel."""
-    known = "color_variance" in planes or "color_a" in planes
-    return scale_outliers(engine, color, variance, limit, SIGNIFICANT if known else math.inf)
+    from_samples = "color_variance" in planes
+    significant = SIGNIFICANT if from_samples or "color_a" in planes else math.inf
+    return scale_outliers(engine, color, variance, limit, significant, by_chance=not from_samples)
 
 
 def plain_feature(
