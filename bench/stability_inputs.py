@@ -92,6 +92,12 @@ OUTLIERS = (
         lambda: damage.lamps(around(WALL, 0), 100.0, around(WALL, 3)),
     ),
     (
+        "one-pixel-lamp-halves",
+        "the same, known from two halves alone",
+        "two halves may agree by chance, so it may go",
+        lambda: damage.without(("color_variance",), damage.lamps(around(WALL, 0), 100.0, around(WALL, 3))),
+    ),
+    (
         "filament",
         "a glowing wire, one pixel thick, 100 times the mean, in every sample",
         "it stays",

@@ -104,9 +104,18 @@ def lamp(kind):
 
 
 @pytest.mark.parametrize("method", FITS)
-@pytest.mark.parametrize("known", ["all", "variance", "halves"])
-@pytest.mark.parametrize("kind", ["one pixel", "filament"])
-def test_a_small_lamp_that_every_sample_finds_stays(method, known, kind):
+@pytest.mark.parametrize(
+    ("kind", "known"),
+    [
+        ("one pixel", "all"),
+        ("one pixel", "variance"),
+        ("filament", "all"),
+        ("filament", "variance"),
+        ("filament", "halves"),
+    ],
+)
+def test_a_small_lamp_that_every_sample_finds_stays(method, kind, known):
+    """A single pixel in two halves alone may be as bright in both by chance, and does not stay among noise."""
     where = lamp(kind)
     planes, truth = with_lamps(*sampled(*SIZE), where)
     out = denoise(of_planes(planes, known), method=method)
