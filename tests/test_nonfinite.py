@@ -11,8 +11,8 @@ from test_stages import close
 from transfer import scalars, to_array, to_planes
 
 from mcdenoise_cl import Denoiser, Frame, FrameError, denoise, methods
-from mcdenoise_cl.methods.features import UNKNOWN
 from mcdenoise_cl.stages import door, exposure, variance
+from mcdenoise_cl.stages.variance import UNKNOWN
 
 METHODS = [method.name for method in methods()]
 SIZE = (32, 56)
