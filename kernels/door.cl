@@ -1,7 +1,7 @@
 /* The door: a user's interleaved array becomes planes, and no NaN or infinity gets past it.
  *
  * A pixel with any non-finite channel is replaced as a whole (one channel alone would change its hue) by the
- * mean of the good pixels in the smallest window around it that has any, up to radius 8; else by zero.
+ * mean of the good pixels in the smallest window around it that has any, up to radius 8; else by `lost`.
  * Strides and offset count elements, so any layout of the user's array can be read.
  */
 #include "common.h"
@@ -40,10 +40,10 @@ inline bool pixel_at(SOURCE_ARGUMENTS, int y, int x, float value[CHANNELS])
     return finite;
 }
 
-inline void replacement(SOURCE_ARGUMENTS, int height, int width, int y, int x, float value[CHANNELS])
+inline void replacement(SOURCE_ARGUMENTS, int height, int width, int y, int x, float lost, float value[CHANNELS])
 {
     for (int c = 0; c < CHANNELS; c++)
-        value[c] = 0.f;
+        value[c] = lost;
     int found = 0;
     for (int r = 1; r <= FILL_RADIUS && found == 0; r++)
         for (int v = max(y - r, 0); v <= min(y + r, height - 1); v++)
@@ -60,7 +60,7 @@ inline void replacement(SOURCE_ARGUMENTS, int height, int width, int y, int x, f
 /* Rows `start` to `stop` of a source of `height` rows. Of its replaced pixels those count that lie in rows `first` to
  * `last`. */
 kernel void door(SOURCE_ARGUMENTS, int height, int width, int start, int stop, int first, int last, PLANES(out),
-                 volatile global int *restrict bad, int slot)
+                 volatile global int *restrict bad, int slot, float lost)
 {
     const int x = get_global_id(0) * WIDTH, y = start + get_global_id(1);
     if (x >= width || y >= stop)
@@ -84,7 +84,7 @@ kernel void door(SOURCE_ARGUMENTS, int height, int width, int start, int stop, i
         if (!pixel_at(source, offset, row, column, channel, y, x + i, value)) {
             if (y >= first && y < last)
                 atomic_inc(bad + slot);
-            replacement(source, offset, row, column, channel, height, width, y, x + i, value);
+            replacement(source, offset, row, column, channel, height, width, y, x + i, lost, value);
         }
         for (int c = 0; c < CHANNELS; c++)
             AT(out, c, y - start, x + i) = value[c];

@@ -1,16 +1,19 @@
 /* The exit: planes become the interleaved array that the user gets. Strides and offset count elements. */
 #include "common.h"
 
+/* What the type cannot hold becomes the most it can; a NaN, which must not be, would stay one and be seen. */
+#define WITHIN(v, most) (fabs(v) > most ? copysign(most, v) : v)
+
 #if defined(TARGET_HALF)
 #define TARGET half
-#define WRITE(v, i) vstore_half_rte(clamp(v, -65504.f, 65504.f), i, target)
+#define WRITE(v, i) vstore_half_rte(WITHIN(v, 65504.f), i, target)
 #elif defined(TARGET_DOUBLE)
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 #define TARGET double
 #define WRITE(v, i) target[i] = (double)(v)
 #else
 #define TARGET float
-#define WRITE(v, i) target[i] = (v)
+#define WRITE(v, i) target[i] = WITHIN(v, FLT_MAX)
 #endif
 
 kernel void leave(CONST_PLANES(in), int channels, int height, int width, global TARGET *restrict target,

@@ -33,6 +33,9 @@ kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, int f
     row_count[first + y] = count;
 }
 
+/* Of a frame with next to no light, whose factor would be infinite. */
+#define MOST_EXPOSURE 1e30f
+
 kernel void exposure_from_rows(global const float *restrict row_sum, global const int *restrict row_count,
                                int height, float key, global float *restrict exposure)
 {
@@ -45,7 +48,7 @@ kernel void exposure_from_rows(global const float *restrict row_sum, global cons
         sum = next;
         count += row_count[y];
     }
-    exposure[0] = count > 0 ? key / exp(sum / count) : 1.f;
+    exposure[0] = count > 0 ? fmin(key / exp(sum / count), MOST_EXPOSURE) : 1.f;
 }
 
 /* Two curves from light to tone, both followed by a gamma of 2.2: CLIP cuts at 1, as a display does, and so takes

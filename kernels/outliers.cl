@@ -23,10 +23,10 @@ kernel void brightest(CONST_PLANES(color), CONST_PLANES(variance), int height, i
 
 /* In place: color becomes factor * color, variance factor^2 * variance; removed is what color has lost, factor what each
  * pixel was multiplied by. bright: from brightest, with a border of 1. What stands out of its neighbours by more than
- * `significant` standard deviations, its own or, if larger, those usual in the 3x3 pixels, is really there: a firefly,
- * one sample in many, stands out by about one. */
+ * `significant` standard deviations, its own or, if larger, `chance` times those usual in the 3x3 pixels, is really
+ * there: a firefly, one sample in many, stands out by about one. */
 kernel void hold_back(CONST_PLANES(bright), PLANES(color), PLANES(variance), int height, int width, float limit,
-                      float significant, PLANES(factor), PLANES(removed))
+                      float significant, float chance, PLANES(factor), PLANES(removed))
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x >= width || y >= height)
@@ -41,7 +41,7 @@ kernel void hold_back(CONST_PLANES(bright), PLANES(color), PLANES(variance), int
     for (int c = 0; c < 3; c++)
         sum += VECTOR_AT(variance, c, y, x);
     const vec own = VECTOR_AT(bright, 0, y, x), bound = limit * around;
-    const vec deviation = sqrt(fmax(sum, usual / 9.f * (own * own + DARKEST2)));
+    const vec deviation = sqrt(fmax(sum, chance * chance * usual / 9.f * (own * own + DARKEST2)));
     const vec f = own > bound && (own - around) / significant <= deviation ? bound / own : (vec)(1.f);
     STORE(f, factor + INDEX(factor, 0, y, x));
     for (int c = 0; c < 3; c++) {

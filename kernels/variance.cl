@@ -12,11 +12,8 @@ kernel void variance_from_halves(CONST_PLANES(a), CONST_PLANES(b), int height, i
 }
 
 /* The image alone: the response to Immerkaer's mask, which is blind to slopes, squared, over the mask's 36. */
-kernel void variance_from_image(CONST_PLANES(in), int height, int width, PLANES(out))
+inline float variance_in_image(CONST_PLANES(in), int height, int width, int c, int y, int x)
 {
-    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
-    if (x >= width || y >= height)
-        return;
     const int up = reflect(y - 1, height), down = reflect(y + 1, height);
     const int left = reflect(x - 1, width), right = reflect(x + 1, width);
     const float m = AT(in, c, y, x);
@@ -25,7 +22,27 @@ kernel void variance_from_image(CONST_PLANES(in), int height, int width, PLANES(
     const float sides = (AT(in, c, up, x) - m) + (AT(in, c, down, x) - m) + (AT(in, c, y, left) - m) +
                         (AT(in, c, y, right) - m);
     const float response = corners - 2.f * sides;
-    AT(out, c, y, x) = response * response / 36.f;
+    return response * response / 36.f;
+}
+#define VARIANCE_IN_IMAGE(in) variance_in_image(in, in##_origin, in##_row, in##_plane, height, width, c, y, x)
+
+kernel void variance_from_image(CONST_PLANES(in), int height, int width, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    AT(out, c, y, x) = VARIANCE_IN_IMAGE(in);
+}
+
+/* As it is given, in exposed units; from the image, which is in them, where it is below 0: not known. */
+kernel void known_variance(CONST_PLANES(known), CONST_PLANES(image), int height, int width,
+                           global const float *restrict factor, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const float variance = AT(known, c, y, x) * factor[0] * factor[0];
+    AT(out, c, y, x) = variance >= 0.f ? variance : VARIANCE_IN_IMAGE(image);
 }
 
 kernel void channel_sum(CONST_PLANES(in), int channels, int height, int width, PLANES(out))
@@ -39,14 +56,14 @@ kernel void channel_sum(CONST_PLANES(in), int channels, int height, int width, P
     AT(out, 0, y, x) = sum;
 }
 
-/* out = in * factor^power: colours and half buffers in exposed units (power 1), variances (2), and back (-1). */
+/* out = in * factor^power: colours and half buffers in exposed units (power 1), and back (-1). */
 kernel void scale(CONST_PLANES(in), int height, int width, global const float *restrict factor, int power, PLANES(out))
 {
     const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
     const float f = factor[0];
-    AT(out, c, y, x) = power == -1 ? AT(in, c, y, x) / f : AT(in, c, y, x) * (power == 2 ? f * f : f);
+    AT(out, c, y, x) = power == -1 ? AT(in, c, y, x) / f : AT(in, c, y, x) * f;
 }
 
 kernel void clip(CONST_PLANES(in), int height, int width, float low, float high, PLANES(out))

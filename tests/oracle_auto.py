@@ -12,6 +12,7 @@ import numpy as np
 from oracle import auto_exposure, box_mean, luminance
 from oracle_choice import compare, estimated_error, share
 from oracle_regression import (
+    by_chance,
     depth_feature,
     first_order_regression,
     outliers,
@@ -60,7 +61,7 @@ def prepare(color: np.ndarray, planes: dict, outlier_limit: float | None, exposu
         raw = variance_from_image(c)
     kept, factor = c, np.ones((height, width))
     if outlier_limit is not None:
-        kept, factor = outliers(c, outlier_limit, raw, significance(planes))
+        kept, factor = outliers(c, outlier_limit, raw, significance(planes), by_chance(planes))
     raw = raw * factor[..., None] ** 2
 
     features, noise = [np.zeros((height, width, 0))], [np.zeros((height, width, 0))]

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from oracle import auto_exposure, box_mean, luminance, reflect_index
 from oracle_regression import (
+    by_chance,
     depth_feature,
     outliers,
     prefilter,
@@ -166,7 +167,7 @@ def denoise_guided(
         variance = variance_from_image(c)
     kept = c
     if outlier_limit is not None:
-        kept, factor = outliers(c, outlier_limit, variance, significance(names))
+        kept, factor = outliers(c, outlier_limit, variance, significance(names), by_chance(names))
         variance = variance * factor[..., None] ** 2
     out = box_fit(kept, variance, *feature_planes(planes, prefiltered), **options)
     if outlier_limit is not None:

@@ -21,20 +21,24 @@ VARIANCE_FLOOR = 1e-12
 
 
 def outliers(
-    color: np.ndarray, limit: float = 1.0, variance: np.ndarray | None = None, significant: float = np.inf
+    color: np.ndarray,
+    limit: float = 1.0,
+    variance: np.ndarray | None = None,
+    significant: float = np.inf,
+    by_chance: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Scale each pixel so that its largest channel is at most `limit` times that of its 8 neighbours.
 
     Returns the scaled image and the factor (H, W): 1 where l <= limit · m, m the brightest neighbour or 0, or where
     (l - m) / significant is more than the pixel's standard deviation; else limit · m / l. Its variance is v, the sum of
-    the channels', or, if larger, l² + 1e-6 times the mean of v / (l² + 1e-6) over 3x3 pixels.
+    the channels', or, by chance and if larger, l² + 1e-6 times the mean of v / (l² + 1e-6) over 3x3 pixels.
     """
     color = np.asarray(color, dtype=np.float64)
     largest = color.max(axis=-1)
     around = np.maximum(np.delete(neighbours(largest, 1), 4, axis=0).max(axis=0), 0.0)
     v = np.zeros(largest.shape) if variance is None else np.float64(variance).sum(axis=-1)
     square = largest**2 + 1e-6
-    deviation = np.sqrt(np.maximum(np.maximum(v, square * box_mean(v / square, 1)), 0.0))
+    deviation = np.sqrt(np.maximum(np.maximum(v, by_chance * square * box_mean(v / square, 1)), 0.0))
     over = (largest > limit * around) & ((largest - around) / significant <= deviation)
     factor = np.where(over, limit * around / np.where(over, largest, 1.0), 1.0)
     return factor[..., None] * color, factor
@@ -43,6 +47,11 @@ def outliers(
 def significance(names: Iterable[str]) -> float:
     """`significant` of `outliers` for a frame with these planes: how much a light stands out of what surrounds it."""
     return 4.0 if "color_variance" in names or "color_a" in names else np.inf
+
+
+def by_chance(names: Iterable[str]) -> bool:
+    """`by_chance` of `outliers` for a frame with these planes: samples tell a variance better than halves do."""
+    return "color_variance" not in names
 
 
 def variance_from_halves(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -216,3 +216,35 @@ def test_absolute_means_are_geometric_and_miss_what_is_missing():
     means = quality.absolute(rows)
     assert math.isclose(means["input"][4], 2)
     assert means["nlm"][4] is None
+
+
+def test_cases_of_the_stability_table_have_names_of_their_own():
+    cases = bench("stability").all_cases([])
+    assert len({case.name for case in cases}) == len(cases) > 35
+    assert all(case.tried and case.outcome for case in cases)
+    chosen = bench("stability").all_cases(["outliers", "nan-row"])
+    assert {case.topic for case in chosen} == {"outliers", "non-finite input"}
+    with pytest.raises(SystemExit, match="'outlier' is neither a topic nor a case"):
+        bench("stability").all_cases(["outlier"])
+
+
+def test_cells_of_the_stability_table():
+    cell = bench("stability").cell
+    assert cell(0.02, 0.1) == "0.2" and cell(0.02, 0.1, absolute=True) == "(0.02)"
+    assert cell(0.02, 0.0) == "(0.02)" and cell("non-finite", None) == "non-finite"
+    assert cell("error: " + 50 * "x", 0.1).endswith("…")
+
+
+def test_errors_of_the_stability_table():
+    """Bad pixels are left out of the input's error; in a result they are what is said."""
+    stability = bench("stability")
+    truth = np.ones((4, 5, 3))
+    image = 1.1 * truth
+    image[1, 2] = np.nan
+    assert stability.error_of(image, truth, None, 1.0) == pytest.approx(0.01 / 1.01)
+    assert stability.judged(image, truth, None, 1.0) == "non-finite"
+    mask = np.zeros((4, 5), bool)
+    mask[1, 2] = True
+    assert np.isnan(stability.error_of(image, truth, mask, 1.0))
+    image[1, 2] = 2.0
+    assert stability.judged(image, truth, mask, 1.0) == pytest.approx(1 / 1.01)

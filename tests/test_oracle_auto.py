@@ -59,7 +59,7 @@ def relative_error(image: np.ndarray, truth: np.ndarray) -> float:
 def loop_denoise(color, e, variance, parts, limit, significant, spread_radius, *, bandwidth, **options) -> np.ndarray:
     """The steps in order, from loops; `variance` that of e · color, `parts` pairs of a feature and its variance."""
     c = e * np.float64(color)
-    kept, factor = (c, np.ones(c.shape[:2])) if limit is None else loop_outliers(c, limit, variance, significant)
+    kept, factor = (c, np.ones(c.shape[:2])) if limit is None else loop_outliers(c, limit, variance, *significant)
     square = loop_mean(loop_mean(oracle.luminance(kept)[..., None], 1), 1) ** 2 + 1e-3
     variance = loop_mean(variance * factor[..., None] ** 2 / square, 2) * square
     pairs = [(p, np.zeros(p.shape)) if v is None else loop_prefilter(p, v, 2, 1) for p, v in parts]
@@ -108,7 +108,7 @@ def test_regression_matches_the_loops(noise, limit):
     if noise == "all":
         parts[2] = (parts[2][0], (variances["depth"] * scale**2 / (z + scale) ** 4)[..., None])
     denoised = ora.denoise_regression(color, scene | given, **SMALL, outlier_limit=limit, spread_radius=3)
-    significant = {"image": np.inf}.get(noise, 4.0)
+    significant = {"image": (np.inf, True), "halves": (4.0, True)}.get(noise, (4.0, False))
     assert_close(denoised, loop_denoise(color, e, variance, parts, limit, significant, 3, **SMALL), 1e-8)
 
 

@@ -33,7 +33,9 @@ def loop_mean(image: np.ndarray, radius: int) -> np.ndarray:
     return out
 
 
-def loop_outliers(color, limit: float, variance=None, significant: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+def loop_outliers(
+    color, limit: float, variance=None, significant: float = np.inf, by_chance: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
     scaled, factor = color.astype(np.float64), np.ones(color.shape[:2])
     for y, x in np.ndindex(factor.shape):
         around = [max(at(color, y + dy, x + dx)) for dy, dx in window(1) if (dy, dx) != (0, 0)]
@@ -44,7 +46,9 @@ def loop_outliers(color, limit: float, variance=None, significant: float = np.in
             each = [
                 sum(at(variance, y + dy, x + dx)) / (max(at(color, y + dy, x + dx)) ** 2 + 1e-6) for dy, dx in window(1)
             ]
-            sigmas = significant * np.sqrt(max(sum(variance[y, x]), sum(each) / 9 * (largest**2 + 1e-6), 0.0))
+            sigmas = significant * np.sqrt(
+                max(sum(variance[y, x]), by_chance * sum(each) / 9 * (largest**2 + 1e-6), 0.0)
+            )
         if limit * brightest < largest <= brightest + sigmas:
             factor[y, x] = limit * brightest / largest
             scaled[y, x] *= factor[y, x]
@@ -209,6 +213,7 @@ def test_significance_follows_what_is_known_of_the_noise():
     both = ("color_variance", "color_a", "color_b")
     given = [ora.significance(names) for names in (both, both[:1], both[1:], ("albedo",), ())]
     assert given == [4.0, 4.0, 4.0, np.inf, np.inf]
+    assert [ora.by_chance(names) for names in (both, both[:1], both[1:], ())] == [False, False, True, True]
 
 
 def test_outliers_touch_only_what_exceeds_every_neighbour():

@@ -13,11 +13,12 @@ from mcdenoise_cl.stages import outliers
 
 @pytest.mark.parametrize("image", CASES)
 @pytest.mark.parametrize(("limit", "significant"), [(1.0, np.inf), (2.5, np.inf), (1.0, 2.0), (1.5, 2.0)])
-def test_outliers(engine, image, limit, significant):
+@pytest.mark.parametrize("by_chance", [True, False])
+def test_outliers(engine, image, limit, significant, by_chance):
     image = image - 0.1
-    expected, factor = theory.outliers(image, limit, noise(image), significant)
+    expected, factor = theory.outliers(image, limit, noise(image), significant, by_chance)
     color, spread = to_planes(engine, image), to_planes(engine, noise(image))
-    removed, scaled = outliers.scale_outliers(engine, color, spread, limit, significant)
+    removed, scaled = outliers.scale_outliers(engine, color, spread, limit, significant, by_chance)
     close(to_array(engine, color), expected)
     close(to_array(engine, removed), image - expected, scale=np.abs(image).max())
     close(to_array(engine, scaled), factor)

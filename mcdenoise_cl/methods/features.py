@@ -14,6 +14,7 @@ from ..stages.variance import (
     clip,
     depth_feature,
     depth_feature_variance,
+    known_variance,
     scale,
     variance_from_halves,
     variance_from_image,
@@ -30,9 +31,12 @@ SIGNIFICANT = 4.0
 
 
 def color_variance(engine: Engine, planes: dict[str, Planes], color: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
-    """Of the pixel mean, in exposed units: as the frame has it, else from its halves, else from the image."""
+    """Of the pixel mean, in exposed units: as the frame has it, else from its halves, else from the image.
+
+    Where a frame has it but not at a pixel, which the door then gives `UNKNOWN`, that pixel's comes from the image.
+    """
     if "color_variance" in planes:
-        return scale(engine, planes["color_variance"], exposure, 2)
+        return known_variance(engine, planes["color_variance"], color, exposure)
     if "color_a" in planes:
         halves = [scale(engine, planes[name], exposure) for name in ("color_a", "color_b")]
         return variance_from_halves(engine, *halves)
@@ -43,8 +47,9 @@ def hold_back_outliers(
     engine: Engine, planes: dict[str, Planes], color: Planes, variance: Planes, limit: float
 ) -> tuple[Planes, Planes]:
     """`scale_outliers`, in place, for a frame with these planes: what was removed, and the factor of each pixel."""
-    known = "color_variance" in planes or "color_a" in planes
-    return scale_outliers(engine, color, variance, limit, SIGNIFICANT if known else math.inf)
+    from_samples = "color_variance" in planes
+    significant = SIGNIFICANT if from_samples or "color_a" in planes else math.inf
+    return scale_outliers(engine, color, variance, limit, significant, by_chance=not from_samples)
 
 
 def plain_feature(

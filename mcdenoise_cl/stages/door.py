@@ -80,6 +80,7 @@ def door(
     slot: int = 0,
     rows: Rows | None = None,
     count: bool = True,
+    lost: float = 0.0,
 ) -> Planes:
     """Interleaved to planar float32; a pixel that is not finite becomes the mean of its nearest finite pixels.
 
@@ -88,6 +89,7 @@ def door(
         bad: int32 counters on the device; the number of replaced pixels is added to number `slot`.
         rows: those to let in; None for all.
         count: whether pixels that were replaced in the wanted rows are to be counted.
+        lost: what a pixel becomes where none within 8 is finite.
 
     Returns:
         Planes (channels, H, W) of these rows.
@@ -99,5 +101,5 @@ def door(
     kernel = engine.kernel("door.cl", "door", CHANNELS=channels, **packed, **type_define(engine, array.dtype, "SOURCE"))
     size = engine.vectors(width), out.height
     span = rows.start, rows.stop, rows.first, rows.last if count else rows.first
-    engine.launch("door", kernel, size, array.buffer, *array.layout, height, width, *span, out, bad, slot)
+    engine.launch("door", kernel, size, array.buffer, *array.layout, height, width, *span, out, bad, slot, lost)
     return out

@@ -11,13 +11,14 @@ SCALE, WIDER = 4, 8
 
 
 def scale_outliers(
-    engine: Engine, color: Planes, variance: Planes, limit: float, significant: float
+    engine: Engine, color: Planes, variance: Planes, limit: float, significant: float, by_chance: bool = True
 ) -> tuple[Planes, Planes]:
     """Scale pixels brighter than `limit` times the brightest of their eight neighbours down to that, in place.
 
     `variance` (three planes, of the pixel mean) is scaled with its colour. A pixel that stands out of its neighbours by
     more than `significant` standard deviations stays: it is no outlier but a small light, or texture. Its deviation is
-    its own or, if that is larger, the mean over 3x3 pixels relative to their brightness: two halves agree by chance.
+    its own or, `by_chance` and if that is larger, the mean over 3x3 pixels relative to their brightness: two halves
+    agree by chance. From many samples its own is well known, and all that tells a lamp among noise from a firefly.
 
     Returns:
         What was removed: three planes, 0 where nothing was; and the factor of each pixel, one plane.
@@ -27,8 +28,17 @@ def scale_outliers(
     bright = engine.planes(2, height, width)
     engine.launch("outliers", engine.kernel("outliers.cl", "brightest"), size, color, variance, height, width, bright)
     factor, removed = engine.planes(1, height, width), engine.planes(3, height, width)
-    arguments = pad(engine, bright, 1), color, variance, height, width, float(limit), float(significant)
-    engine.launch("outliers", engine.kernel("outliers.cl", "hold_back"), size, *arguments, factor, removed)
+    arguments = pad(engine, bright, 1), color, variance, height, width, float(limit)
+    engine.launch(
+        "outliers",
+        engine.kernel("outliers.cl", "hold_back"),
+        size,
+        *arguments,
+        float(significant),
+        float(by_chance),
+        factor,
+        removed,
+    )
     return removed, factor
 
 

@@ -10,6 +10,7 @@ import pyopencl as cl
 from ..engine import Engine, Planes
 from .door import Strided, door
 from .rows import Rows, cut
+from .variance import UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -34,10 +35,11 @@ class Source:
         """The planes of some rows, by name; `count` the bad pixels among those that are wanted."""
         slots = {name: slot for slot, name in enumerate(self.arrays)}
         size = self.height, self.width
-        return {
-            name: door(self.engine, self.arrays[name], *size, self.bad, slots[name], rows=rows, count=count)
-            for name in (self.arrays if names is None else names)
-        }
+        planes = {}
+        for name in self.arrays if names is None else names:
+            lost = UNKNOWN if name == "color_variance" else 0.0
+            planes[name] = door(self.engine, self.arrays[name], *size, self.bad, slots[name], rows, count, lost)
+        return planes
 
     def sweep(self, name: str, reach: int = 0) -> Iterator[tuple[Planes, Rows]]:
         """One plane after the other, each band with `reach` rows around."""

@@ -6,6 +6,9 @@ import pyopencl as cl
 
 from ..engine import Engine, Planes
 
+#: A variance below 0 is one that is not known: there is none in a frame, and the door says so where all around is lost.
+UNKNOWN = -1.0
+
 
 def variance_from_halves(engine: Engine, a: Planes, b: Planes) -> Planes:
     """(a - b)² / 4: an unbiased, noisy estimate of the variance of (a + b) / 2 for independent a and b."""
@@ -15,6 +18,11 @@ def variance_from_halves(engine: Engine, a: Planes, b: Planes) -> Planes:
 def variance_from_image(engine: Engine, image: Planes) -> Planes:
     """The squared response to Immerkaer's mask over 36: the variance of white noise; texture counts as noise."""
     return _map(engine, "variance_from_image", image)
+
+
+def known_variance(engine: Engine, variance: Planes, image: Planes, factor: cl.MemoryObjectHolder) -> Planes:
+    """variance * factor², and where that is below 0, which says that it is not known, `variance_from_image`."""
+    return _map(engine, "known_variance", variance, image, after=(factor,))
 
 
 def channel_sum(engine: Engine, planes: Planes) -> Planes:
@@ -27,7 +35,7 @@ def channel_sum(engine: Engine, planes: Planes) -> Planes:
 
 
 def scale(engine: Engine, planes: Planes, factor: cl.MemoryObjectHolder, power: int = 1) -> Planes:
-    """planes * factor^power, for power 1, 2 or -1."""
+    """planes * factor^power, for power 1 or -1."""
     return _map(engine, "scale", planes, after=(factor, power))
 
 
