@@ -87,8 +87,10 @@ kernel void mix_in(PLANES(current), CONST_PLANES(candidate), CONST_PLANES(found)
     const float best = 0.5f + (g - margin * deviation) / q;
     const float a = clamp(trust * best + (1.f - trust) * prior, 0.f, 1.f);
     AT(share, 0, y, x) = a;
-    for (int c = 0; c < 4; c++)
-        AT(current, c, y, x) = mix(AT(current, c, y, x), AT(candidate, c, y, x), a);
+    for (int c = 0; c < 4; c++) {
+        const float before = AT(current, c, y, x), after = AT(candidate, c, y, x);
+        AT(current, c, y, x) = BLEND(before, after, a);
+    }
 }
 
 /* What each frame contributes to a mix made in the order wide, narrow, input: four planes, input, narrow, the first

@@ -39,14 +39,25 @@ kernel void channel_sum(CONST_PLANES(in), int channels, int height, int width, P
     AT(out, 0, y, x) = sum;
 }
 
-/* out = in * factor^power: colours and half buffers in exposed units (power 1), variances (2), and back (-1). */
+/* out = in * factor^power: colours and half buffers in exposed units (power 1), and variances (2). */
 kernel void scale(CONST_PLANES(in), int height, int width, global const float *restrict factor, int power, PLANES(out))
 {
     const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
     const float f = factor[0];
-    AT(out, c, y, x) = power == -1 ? AT(in, c, y, x) / f : AT(in, c, y, x) * (power == 2 ? f * f : f);
+    AT(out, c, y, x) = AT(in, c, y, x) * (power == 2 ? f * f : f);
+}
+
+/* out = in / factor, or `before` where nothing happened to it: x * f / f is not always x. */
+kernel void scale_back(CONST_PLANES(in), CONST_PLANES(before), int height, int width,
+                       global const float *restrict factor, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const float f = factor[0], own = AT(before, c, y, x), value = AT(in, c, y, x);
+    AT(out, c, y, x) = value == own * f ? own : value / f;
 }
 
 kernel void clip(CONST_PLANES(in), int height, int width, float low, float high, PLANES(out))

@@ -14,7 +14,7 @@ from ..stages.exposure import auto_exposure
 from ..stages.noise import noise_level
 from ..stages.outliers import spread_removed
 from ..stages.pad import stack
-from ..stages.variance import scale
+from ..stages.variance import scale, scale_back
 from .features import (
     COLOR_VARIANCES,
     FEATURE_VARIANCES,
@@ -86,7 +86,7 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Result:
     )
     if removed is not None:
         out = spread_removed(engine, out, removed, p.spread_radius)
-    return Result(scale(engine, out, exposure, -1), exposure, level, removed=removed, kept=color)
+    return Result(scale_back(engine, out, exposure, planes["color"]), exposure, level, removed=removed, kept=color)
 
 
 def _guides(engine: Engine, planes: dict[str, Planes], prefiltered: bool) -> tuple[Planes | None, Planes | None]:

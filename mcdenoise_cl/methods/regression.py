@@ -19,7 +19,7 @@ from ..stages.outliers import spread_removed
 from ..stages.pad import stack
 from ..stages.regression import first_order_regression
 from ..stages.terms import Terms, choose_terms
-from ..stages.variance import channel_sum, scale
+from ..stages.variance import channel_sum, scale, scale_back
 from .features import COLOR_VARIANCES, FEATURE_VARIANCES, FEATURES, color_variance, features, hold_back_outliers
 from .parameters import parameter
 from .result import Result
@@ -54,6 +54,7 @@ class Prepared:
 
     Attributes:
         exposure, level: as in `Result`.
+        given: the colour as it came, before exposure.
         color: three planes, outliers scaled down.
         raw_variance, variance: of the pixel mean, three planes, before and after smoothing over 5x5, relative
             to the luminance.
@@ -64,6 +65,7 @@ class Prepared:
 
     exposure: cl.MemoryObjectHolder
     level: cl.MemoryObjectHolder
+    given: Planes
     color: Planes
     raw_variance: Planes
     variance: Planes
@@ -88,7 +90,7 @@ def prepare(engine: Engine, planes: dict[str, Planes], p: Parameters) -> Prepare
     names = [name for name in FEATURES if name in planes]
     names = [name for name, (feature, _) in zip(names, groups, strict=True) for _ in range(feature.channels)]
     smooth = smooth_variance(engine, variance, color, 2)
-    return Prepared(exposure, level, color, variance, smooth, removed, factor, *both, tuple(names))
+    return Prepared(exposure, level, planes["color"], color, variance, smooth, removed, factor, *both, tuple(names))
 
 
 def terms_for(engine: Engine, frame: Prepared, reach: int) -> Terms | None:
@@ -124,7 +126,7 @@ def finish(engine: Engine, frame: Prepared, out: Planes, p: Parameters, terms: T
     if frame.removed is not None:
         out = spread_removed(engine, out, frame.removed, p.spread_radius)
     return Result(
-        scale(engine, out, frame.exposure, -1),
+        scale_back(engine, out, frame.exposure, frame.given),
         frame.exposure,
         frame.level,
         removed=frame.removed,

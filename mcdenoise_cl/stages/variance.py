@@ -27,8 +27,13 @@ def channel_sum(engine: Engine, planes: Planes) -> Planes:
 
 
 def scale(engine: Engine, planes: Planes, factor: cl.MemoryObjectHolder, power: int = 1) -> Planes:
-    """planes * factor^power, for power 1, 2 or -1."""
+    """planes * factor^power, for power 1 or 2."""
     return _map(engine, "scale", planes, after=(factor, power))
+
+
+def scale_back(engine: Engine, planes: Planes, factor: cl.MemoryObjectHolder, before: Planes) -> Planes:
+    """planes / factor; `before` itself, to the last bit, where planes are what `scale` made of it."""
+    return _map(engine, "scale_back", planes, before, after=(factor,))
 
 
 def clip(engine: Engine, planes: Planes, low: float, high: float) -> Planes:
