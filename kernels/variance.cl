@@ -68,15 +68,25 @@ kernel void clip(CONST_PLANES(in), int height, int width, float low, float high,
     AT(out, c, y, x) = clamp(AT(in, c, y, x), low, high);
 }
 
-/* Depth as a feature in [0, 1): z / (z + scale), scale the geometric mean; its variance by the derivative. */
+/* About the first pixel, so that what varies little on a large offset keeps its digits. */
+kernel void about_first_pixel(CONST_PLANES(in), int height, int width, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    AT(out, c, y, x) = AT(in, c, y, x) - AT(in, c, 0, 0);
+}
+
+/* Depth as a feature in [-1/2, 1/2): z / (z + s) - 1/2 = (z - s) / (z + s) / 2, s the geometric mean; the second form
+ * keeps the digits of depths that differ little. Its variance by the derivative. */
 kernel void depth_feature(CONST_PLANES(depth), int height, int width, global const float *restrict inverse_scale,
                           PLANES(out))
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const float z = fmax(AT(depth, 0, y, x), 0.f) * inverse_scale[0];
-    AT(out, 0, y, x) = z / (z + 1.f);
+    const float s = 1.f / inverse_scale[0], z = fmax(AT(depth, 0, y, x), 0.f);
+    AT(out, 0, y, x) = 0.5f * (z - s) / (z + s);
 }
 
 kernel void depth_feature_variance(CONST_PLANES(depth), CONST_PLANES(variance), int height, int width,

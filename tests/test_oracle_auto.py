@@ -104,7 +104,7 @@ def test_regression_matches_the_loops(noise, limit):
     parts = [
         (np.clip(scene["albedo"], 0.0, 1.0), variances["albedo"]),
         (scene["normal"], variances["normal"]),
-        ((z / (z + scale))[..., None], None),
+        ((z / (z + scale) - 0.5)[..., None], None),
     ]
     if noise == "all":
         parts[2] = (parts[2][0], (variances["depth"] * scale**2 / (z + scale) ** 4)[..., None])

@@ -41,8 +41,13 @@ def clip(engine: Engine, planes: Planes, low: float, high: float) -> Planes:
     return _map(engine, "clip", planes, after=(float(low), float(high)))
 
 
+def about_first_pixel(engine: Engine, planes: Planes) -> Planes:
+    """Every plane less its own first pixel: for features, of which only differences count."""
+    return _map(engine, "about_first_pixel", planes)
+
+
 def depth_feature(engine: Engine, depth: Planes, inverse_scale: cl.MemoryObjectHolder) -> Planes:
-    """z / (z + scale), in [0, 1); 0 for z <= 0."""
+    """z / (z + scale) - 1/2, in [-1/2, 1/2); -1/2 for z <= 0."""
     return _map(engine, "depth_feature", depth, after=(inverse_scale,))
 
 
