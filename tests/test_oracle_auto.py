@@ -30,7 +30,7 @@ FIRST = {"search_radius": 7, "patch_radius": 2, "bandwidth": 0.72}
 FIRST |= {"ridge": 0.02, "noise_ridge": 5.0, "position_ridge": 0.1}
 WIDE = {"wide_radius": 3, "wide_stride": 3, "wide_bandwidth": 1.8}
 CHOICE = {"tracking": 0.01, "doubt": 0.42, "caution": 0.1, "keep": 0.05, "limit": 1.0, "smoothing_radius": 4}
-CHOICE |= {"likely": 3.0}
+CHOICE |= {"likely": 3.0, "apart": 1.0}
 AUTO = FIRST | WIDE | CHOICE
 
 
