@@ -86,7 +86,7 @@ def main() -> None:
         before = [error(frame.color, reference) for frame in frames]
         print(f"| {scene} | input | {' | '.join(f'{e:.3g}' for e in before)} |", flush=True)
         for name in options.methods:
-            after = [error(denoise(frame, **ENTRIES[name].arguments), reference) for frame in frames]
+            after = [error(denoise(frame, **ENTRIES[name]), reference) for frame in frames]
             cells = (f"{b:.3g} ({b / a:.3f})" for a, b in zip(before, after, strict=True))
             print(f"| {scene} | {name} | {' | '.join(cells)} |", flush=True)
             complaints += [f"{scene}, {name}, {fault}" for fault in faults(counts, before, after)]

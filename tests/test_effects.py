@@ -84,22 +84,34 @@ def test_blur_comes_out_with_its_contrast_once_there_are_samples():
     assert scenes.contrast_kept(out, reference, mask) > 0.75
 
 
+@pytest.fixture(scope="module")
+def sunlit():
+    return effects.sampled(scenes.sun, 4, seed=1), effects.sampled(scenes.sun, 64, seed=2)
+
+
+@pytest.mark.parametrize("known", ["nothing", "halves", "variances", "all"])
 @pytest.mark.parametrize("method", ["auto", "regression", "guided", "ssim-nlm", "nlm"])
-def test_a_sun_sheds_no_light_on_what_is_beside_it(method):
+def test_a_sun_sheds_no_light_on_what_is_beside_it(method, known, sunlit):
     """A million times as bright: what leaks of it would be the whole of the error there."""
-    frame, reference = effects.sampled(scenes.sun, 4, seed=1), effects.sampled(scenes.sun, 64, seed=2)
-    out = denoise(frame, method=method)
+    frame, reference = sunlit
+    kept = {
+        "nothing": ("color", "albedo", "normal", "depth"),
+        "halves": ("color", "albedo", "normal", "depth", "color_a", "color_b"),
+        "variances": [name for name in frame.planes() if name not in ("color_a", "color_b")],
+        "all": list(frame.planes()),
+    }[known]
+    out = denoise(Frame(**{name: frame.planes()[name] for name in kept}), method=method)
     error, before = errors(out, frame, reference, scenes.beside_the_sun(reference))
-    assert np.isfinite(out).all() and error < before
+    assert np.isfinite(out).all() and error < 0.8 * before
     inside = reference.color.max(-1) > 3.9e5
     # Where colours are averaged as x / (1 + x), a dark neighbour counts for more than a sun.
     least = 0.3 if method in ("nlm", "ssim-nlm") else 0.95
     assert out[inside].mean() > least * reference.color[inside].mean()
 
 
-def test_half_floats_that_overflow():
+def test_half_floats_that_overflow(sunlit):
     """Infinity counts as missing: the result is finite, and what lies around is as with 32 bits."""
-    frame, reference = effects.sampled(scenes.sun, 4, seed=1), effects.sampled(scenes.sun, 64, seed=2)
+    frame, reference = sunlit
     with np.errstate(over="ignore"):
         half = Frame(**{name: plane.astype(np.float16) for name, plane in frame.planes().items()})
     assert np.isinf(half.color).any()
@@ -108,9 +120,9 @@ def test_half_floats_that_overflow():
     assert out.dtype == np.float16 and np.isfinite(out).all() and error < before
 
 
-def test_half_floats_at_their_largest_stay_there():
+def test_half_floats_at_their_largest_stay_there(sunlit):
     """A renderer that clips writes 65504: a lamp of that is kept, and rounding makes no infinity of it."""
-    frame = effects.sampled(scenes.sun, 4, seed=1)
+    frame, _ = sunlit
     half = Frame(**{name: np.minimum(plane, 65504).astype(np.float16) for name, plane in frame.planes().items()})
     out = denoise(half)
     inside = (half.color == 65504).all(-1) & (frame.color_variance.max(-1) == 0)
