@@ -118,18 +118,21 @@ def rendered_cases(
             yield Case(scene, n, frame, reference, frame_exposure(reference))
 
 
-def rendered(cache: Path, scene: str, spp: int, width: int, height: int, seed: int, name: str = "") -> Path:
+def rendered(
+    cache: Path, scene: str | Path, spp: int, width: int, height: int, seed: int, name: str = "", folder: str = ""
+) -> Path:
     """The file of one rendered frame; `name` is the file's without .exr and stands for one sample count.
 
-    Another sample count under the same name would be served stale, so such a frame is rendered again.
+    Another sample count under the same name would be served stale, so such a frame is rendered again. `folder` is that
+    of the scene, for one that is a file.
     """
     from mcdenoise_cl.render import render
 
-    path = cache / f"{width}x{height}" / scene / f"{name or f'spp{spp:04d}'}.exr"
+    path = cache / f"{width}x{height}" / (folder or scene) / f"{name or f'spp{spp:04d}'}.exr"
     if path.exists() and (not name or int(read_exr(path).metadata["samples_per_pixel"]) == spp):
         return path
     path.parent.mkdir(parents=True, exist_ok=True)
-    print(f"rendering {path.name} of {scene}, {spp} samples per pixel", file=sys.stderr, flush=True)
+    print(f"rendering {path.name} of {folder or scene}, {spp} samples per pixel", file=sys.stderr, flush=True)
     write_exr(path, render(scene, spp=spp, width=width, height=height, seed=seed, halves=True))
     return path
 

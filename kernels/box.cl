@@ -19,7 +19,7 @@ kernel void box_transposed(CONST_PLANES(in), int height, PLANES(out), int radius
     for (int y0 = first; y0 < end; y0 += WIDTH) {
         float block[WIDTH][WIDTH];
         for (int i = 0; i < WIDTH; i++) {
-            STORE((sum + lost) * scale, block[i]);
+            STORE(mean_of_sum(sum, lost, 2 * radius + 1, scale), block[i]);
             const int y = min(y0 + i, height - 1); /* past the end the value goes unused */
             accumulate(&sum, &lost, LOAD(column + reflect(y + radius + 1, height) * in_row));
             accumulate(&sum, &lost, -LOAD(column + reflect(y - radius, height) * in_row));

@@ -70,13 +70,15 @@ inline float between(int i, int *before)
 /* A plane of blocks between two rows, at the columns x - 1, x and x + 1: what `across` interpolates between. */
 inline void between_rows(global const float *plane, int top, int bottom, float down, int x, int n, vec out[3])
 {
-    for (int i = 0; i < 3; i++)
-        out[i] = mix(mirrored(plane + top, x + i - 1, n), mirrored(plane + bottom, x + i - 1, n), down);
+    for (int i = 0; i < 3; i++) {
+        const vec above = mirrored(plane + top, x + i - 1, n), below = mirrored(plane + bottom, x + i - 1, n);
+        out[i] = BLEND(above, below, down);
+    }
 }
 
 inline vec across_columns(const vec v[3], int before, float across)
 {
-    return mix(v[1 + before], v[2 + before], across);
+    return BLEND(v[1 + before], v[2 + before], across);
 }
 
 /* 1 for the pixels that are there, of WIDTH that are BLOCK apart. */
@@ -311,7 +313,7 @@ kernel void box_fit_restore(CONST_PLANES(share), CONST_PLANES(color), CONST_PLAN
             const vec noise = across_columns(shares, before, across);
             for (int k = 0; k < 3; k++) {
                 const vec c = EVERY(color, k, row, column, width), value = EVERY(fitted, k, row, column, width);
-                SPREAD(fmax(mix(c, value, noise), fmin(c, (vec)(0.f))), out, k, row, column, width);
+                SPREAD(fmax(BLEND(c, value, noise), fmin(c, (vec)(0.f))), out, k, row, column, width);
             }
         }
     }

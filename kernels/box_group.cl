@@ -33,7 +33,7 @@ void box_transposed_group(CONST_PLANES(in), int height, int width, PLANES(out), 
     for (int done = 0; done < steps; done += BLOCK) {
         for (int i = 0; i < BLOCK; i++) {
             const int y = min(first + done + i, height - 1);
-            block[i * BLOCK_ROW + column] = (sum + lost) * scale;
+            block[i * BLOCK_ROW + column] = mean_of_sum(sum, lost, 2 * radius + 1, scale);
             accumulate(&sum, &lost, AT(in, c, reflect(y + radius + 1, height), x));
             accumulate(&sum, &lost, -AT(in, c, reflect(y - radius, height), x));
         }

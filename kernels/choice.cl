@@ -71,12 +71,15 @@ kernel void compare(CONST_PLANES(current), CONST_PLANES(candidate), CONST_PLANES
 /* Frames as near to each other as this, squared and relative, are taken for equal. */
 #define DOUBTFUL_DIFFERENCE 1e-10f
 #define LEAST_DIFFERENCE 1e-11f
+/* Differences of luminances as small as this are nothing unlikely, however dark it is. */
+#define FAINT 0.01f
 
 /* current, in place, becomes the mix of the two with the least estimated error; share: the candidate's part in it.
  * found: the planes of `compare`, smoothed. Where they are doubtful the share goes to `prior`; `margin` asks of the
- * candidate to be better by so many standard deviations. */
+ * candidate to be better by so many standard deviations; `apart` is how far the two may lie apart, in units of the
+ * darker one. */
 kernel void mix_in(PLANES(current), CONST_PLANES(candidate), CONST_PLANES(found), int height, int width, float prior,
-                   float doubt, float margin, PLANES(share))
+                   float doubt, float margin, float apart, PLANES(share))
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
@@ -85,10 +88,14 @@ kernel void mix_in(PLANES(current), CONST_PLANES(candidate), CONST_PLANES(found)
     const float deviation = sqrt(fmax(AT(found, 1, y, x) - g * g, 0.f));
     const float doubtful = (doubt * deviation + DOUBTFUL_DIFFERENCE) / q, trust = 1.f / (1.f + doubtful * doubtful);
     const float best = 0.5f + (g - margin * deviation) / q;
-    const float a = clamp(trust * best + (1.f - trust) * prior, 0.f, 1.f);
+    const float l = LUMINANCE(current, y, x), m = LUMINANCE(candidate, y, x);
+    const float believed = clamp(2.f - fabs(m - l) / (apart * (fmax(fmin(l, m), 0.f) + FAINT)), 0.f, 1.f);
+    const float a = believed * clamp(trust * best + (1.f - trust) * prior, 0.f, 1.f);
     AT(share, 0, y, x) = a;
-    for (int c = 0; c < 4; c++)
-        AT(current, c, y, x) = mix(AT(current, c, y, x), AT(candidate, c, y, x), a);
+    for (int c = 0; c < 4; c++) {
+        const float before = AT(current, c, y, x), after = AT(candidate, c, y, x);
+        AT(current, c, y, x) = BLEND(before, after, a);
+    }
 }
 
 /* What each frame contributes to a mix made in the order wide, narrow, input: four planes, input, narrow, the first

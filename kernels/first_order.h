@@ -73,18 +73,19 @@ INLINE void add_ridges(fits *m, int terms, const fits *least, float ridge
 #endif
 }
 
-/* A fit may overshoot below 0, where light cannot be; only a negative pixel may stay so. The fourth colour is a
- * difference of halves. color and out point at the pixel in the first plane of each. (No `restrict` here: inlined, it
- * becomes an intrinsic that some simulators lack.) */
-INLINE void store_fit(const vec result[COLORS], global const float *color, int color_plane, global float *out,
-                      int out_plane)
+/* Colours are fitted as differences from `base`, which is added again here: a fit reproduces a constant, and this way to
+ * the last bit. A fit may overshoot below 0, where light cannot be; only a negative pixel may stay so. The fourth colour
+ * is a difference of halves. color and out point at the pixel in the first plane of each. (No `restrict` here: inlined,
+ * it becomes an intrinsic that some simulators lack.) */
+INLINE void store_fit(const vec result[COLORS], const float base[COLORS], global const float *color, int color_plane,
+                      global float *out, int out_plane)
 {
     for (int k = 0; k < COLORS; k++) {
-        const vec least = fmin(LOAD(color + k * color_plane), (vec)(0.f));
-        STORE(k < 3 ? fmax(result[k], least) : result[k], out + k * out_plane);
+        const vec value = base[k] + result[k], least = fmin(LOAD(color + k * color_plane), (vec)(0.f));
+        STORE(k < 3 ? fmax(value, least) : value, out + k * out_plane);
     }
 }
-#define STORE_FIT(result, y, x, out) \
-    store_fit(result, stack + INDEX(stack, FEATURES, y, x), stack_plane, out + INDEX(out, 0, y, x), out##_plane)
+#define STORE_FIT(result, base, y, x, out) \
+    store_fit(result, base, stack + INDEX(stack, FEATURES, y, x), stack_plane, out + INDEX(out, 0, y, x), out##_plane)
 
 #endif

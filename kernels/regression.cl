@@ -184,6 +184,17 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
         for (int v = 0; v < VECTORS; v++)
             drop_zeros(&taps[pair][v], &order);
 
+    /* What colours are taken about: the tile's smallest, beside which the rounding of none is large. */
+    float base[COLORS];
+    for (int k = 0; k < COLORS; k++) {
+        base[k] = AT(stack, FEATURES + k, y, x);
+        for (int row = y; row < min(y + ROWS, height); row++)
+            for (int column = x; column < min(x + COLUMNS, width); column++) {
+                const float value = AT(stack, FEATURES + k, row, column);
+                base[k] = fabs(value) < fabs(base[k]) ? value : base[k];
+            }
+    }
+
     /* What is multiplied: terms about the middle, then colours. */
     float factors[TERMS + COLORS][LINES][LINE];
     global const float *corner = stack + INDEX(stack, 0, y - REACH, x - REACH);
@@ -215,7 +226,7 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
             }
 #endif
             for (int k = 0; k < COLORS; k++)
-                STORE(LOAD(here + (FEATURES + k) * stack_plane), &factors[terms + k][line][c]);
+                STORE(LOAD(here + (FEATURES + k) * stack_plane) - base[k], &factors[terms + k][line][c]);
         }
 
     /* By place, not by a counter, whose loops one runtime's compiler gets wrong. */
@@ -295,7 +306,7 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
             vec one[COLORS];                                                                                           \
             for (int k = 0; k < COLORS; k++)                                                                           \
                 one[k] = result[k].of[i];                                                                              \
-            STORE_FIT(one, y + r, x + v * WIDTH, out);                                                                 \
+            STORE_FIT(one, base, y + r, x + v * WIDTH, out);                                                           \
         }                                                                                                              \
     }
             FIT_AND_STORE(moments, out)

@@ -200,10 +200,13 @@ void regress(constant float2 *offsets, CONST_PLANES(tone), CONST_PLANES(variance
         variance_at[n] = INDEX(variance, 0, y0 - PATCH_RADIUS, x0 - PATCH_RADIUS) + CELL_AT(cell, variance_row);
         here[n] = pixel_of(tone + tone_at[n], tone_plane, variance + variance_at[n]);
     }
-    float moments[MOMENTS];
+    float moments[MOMENTS], base[COLORS];
 #pragma unroll
     for (int i = 0; i < MOMENTS; i++)
         moments[i] = 0.f;
+#pragma unroll
+    for (int k = 0; k < COLORS; k++)
+        base[k] = AT(stack, FEATURES + k, y, x);
 
     int step = 0;
     for (int window = 0; window < WINDOWS; window++) {
@@ -248,7 +251,7 @@ void regress(constant float2 *offsets, CONST_PLANES(tone), CONST_PLANES(variance
                 global const float *there = stack + INDEX(stack, FEATURES, y + dy, x + dx);
 #pragma unroll
                 for (int k = 0; k < COLORS; k++)
-                    color[k] = there[k * stack_plane];
+                    color[k] = there[k * stack_plane] - base[k];
                 const float2 sums = sums_of(&wide[before][ly][lx], &narrow[before][ly][lx], GROUP_COLUMNS);
                 add_moments(moments, weight_of_sums(sums.x, sums.y, scale), term, terms, color);
             }
@@ -274,10 +277,10 @@ void regress(constant float2 *offsets, CONST_PLANES(tone), CONST_PLANES(variance
 #endif
 #ifdef WITH_INNER
             if (window + 1 < WINDOWS)
-                STORE_FIT(result, y, x, inner);
+                STORE_FIT(result, base, y, x, inner);
             else
 #endif
-                STORE_FIT(result, y, x, out);
+                STORE_FIT(result, base, y, x, out);
         }
     }
 }

@@ -13,4 +13,12 @@ INLINE void accumulate(vec *sum, vec *lost, vec term)
     *sum = next;
 }
 
+/* The sum over `count`, `scale` being 1 / count rounded: with one step of Newton's, so that the mean of equal values is
+ * that value to the last bit. */
+INLINE vec mean_of_sum(vec sum, vec lost, float count, float scale)
+{
+    const vec mean = (sum + lost) * scale;
+    return mean + (fma((vec)(-count), mean, sum) + lost) * scale;
+}
+
 #endif

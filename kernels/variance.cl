@@ -56,14 +56,24 @@ kernel void channel_sum(CONST_PLANES(in), int channels, int height, int width, P
     AT(out, 0, y, x) = sum;
 }
 
-/* out = in * factor^power: colours and half buffers in exposed units (power 1), and back (-1). */
-kernel void scale(CONST_PLANES(in), int height, int width, global const float *restrict factor, int power, PLANES(out))
+/* out = in * factor: colours and half buffers in exposed units. */
+kernel void scale(CONST_PLANES(in), int height, int width, global const float *restrict factor, PLANES(out))
 {
     const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    const float f = factor[0];
-    AT(out, c, y, x) = power == -1 ? AT(in, c, y, x) / f : AT(in, c, y, x) * f;
+    AT(out, c, y, x) = AT(in, c, y, x) * factor[0];
+}
+
+/* out = in / factor, or `before` where nothing happened to it: x * f / f is not always x. */
+kernel void scale_back(CONST_PLANES(in), CONST_PLANES(before), int height, int width,
+                       global const float *restrict factor, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const float f = factor[0], own = AT(before, c, y, x), value = AT(in, c, y, x);
+    AT(out, c, y, x) = value == own * f ? own : value / f;
 }
 
 kernel void clip(CONST_PLANES(in), int height, int width, float low, float high, PLANES(out))
@@ -74,15 +84,32 @@ kernel void clip(CONST_PLANES(in), int height, int width, float low, float high,
     AT(out, c, y, x) = clamp(AT(in, c, y, x), low, high);
 }
 
-/* Depth as a feature in [0, 1): z / (z + scale), scale the geometric mean; its variance by the derivative. */
+/* The first pixel of each plane. */
+kernel void first_pixel(CONST_PLANES(in), int channels, global float *restrict out)
+{
+    for (int c = 0; c < channels; c++)
+        out[c] = AT(in, c, 0, 0);
+}
+
+/* About a pixel, so that what varies little on a large offset keeps its digits. */
+kernel void about(CONST_PLANES(in), int height, int width, global const float *restrict pixel, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    AT(out, c, y, x) = AT(in, c, y, x) - pixel[c];
+}
+
+/* Depth as a feature in [-1/2, 1/2): z / (z + s) - 1/2 = (z - s) / (z + s) / 2, s the geometric mean; the second form
+ * keeps the digits of depths that differ little. Its variance by the derivative. */
 kernel void depth_feature(CONST_PLANES(depth), int height, int width, global const float *restrict inverse_scale,
                           PLANES(out))
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const float z = fmax(AT(depth, 0, y, x), 0.f) * inverse_scale[0];
-    AT(out, 0, y, x) = z / (z + 1.f);
+    const float s = 1.f / inverse_scale[0], z = fmax(AT(depth, 0, y, x), 0.f);
+    AT(out, 0, y, x) = 0.5f * (z - s) / (z + s);
 }
 
 kernel void depth_feature_variance(CONST_PLANES(depth), CONST_PLANES(variance), int height, int width,

@@ -10,7 +10,7 @@ import numpy as np
 import pyopencl as cl
 
 from .details import Summary, summarise
-from .engine import Engine
+from .engine import Engine, Planes
 from .methods import Method
 from .methods.facts import Facts
 from .methods.result import Result
@@ -19,7 +19,7 @@ from .stages.exit import leave
 from .stages.outliers import SCALE, Light
 from .stages.rows import Rows, cut
 from .stages.source import Source
-from .stages.variance import scale
+from .stages.variance import scale_back
 
 #: Pixels of a band, at most: kernels index what they keep of one with 32 bits.
 MOST_PIXELS = 2**25
@@ -86,7 +86,7 @@ def filter_frame(engine: Engine, method: Method, source: Source, p: Any, target:
             light.collect(image, rows.wanted(result.removed), rows.first)
             leave(engine, image, kept.rows(rows.first))
         else:
-            image = scale(engine, image, result.exposure, -1) if result.exposed else image
+            image = _unexposed(engine, image, source, facts, rows) if result.exposed else image
             leave(engine, image, target.rows(rows.first))
         summaries.append(summarise(engine, result, rows, True))
         result = replace(result, color=None, removed=None, kept=None, terms=None, shares=None, error=None)
@@ -111,4 +111,9 @@ def _give_back(engine: Engine, source: Source, light: Light, facts: Facts, kept:
     for rows in cut(source.height, source.most, 0, SCALE):
         image = rows.wanted(door(engine, kept, source.height, source.width, unused, rows=rows))
         image = light.give_back(image, rows.first)
-        leave(engine, scale(engine, image, facts.exposure, -1), target.rows(rows.first))
+        leave(engine, _unexposed(engine, image, source, facts, rows), target.rows(rows.first))
+
+
+def _unexposed(engine: Engine, image: Planes, source: Source, facts: Facts, rows: Rows) -> Planes:
+    own = Rows(rows.first, rows.last, rows.first, rows.last)
+    return scale_back(engine, image, facts.exposure, source.planes(own, ["color"])["color"])

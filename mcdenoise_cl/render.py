@@ -159,6 +159,8 @@ def _load_xml(mi: Any, path: Path, width: int | None, height: int | None) -> tup
 
 def _instantiate(mi: Any, config: Any, state: Any, width: int | None, height: int | None) -> tuple[Any, Any]:
     """Build the parsed scene with our film and sampler in its first camera, and its integrator wrapped for features."""
+    # Merged meshes stand in an order that changes from one load to the next, and with it which light a path asks.
+    config.merge_meshes = False
     mi.parser.transform_all(config, state)
     cameras = [node for node in state.nodes if node.type == mi.ObjectType.Sensor]
     if not cameras:

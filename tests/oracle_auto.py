@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from oracle import auto_exposure, box_mean, luminance
-from oracle_choice import compare, estimated_error, share
+from oracle_choice import believed, compare, estimated_error, share
 from oracle_regression import (
     by_chance,
     depth_feature,
@@ -148,6 +148,7 @@ def denoise_auto(
     caution: float,
     keep: float,
     limit: float,
+    apart: float,
     smoothing_radius: int,
     outlier_limit: float | None = 1.1,
     spread_radius: int = 50,
@@ -176,6 +177,7 @@ def denoise_auto(
 
     g, q = compared(first, wide, noisy, tracking)
     w = share(g, q, radius=smoothing_radius, prior=0.5, doubt=doubt, margin=0.0)
+    w = w * believed(in_brief(first), in_brief(wide), apart)
     current = first + w[..., None] * (wide - first)
     g, q = compared(current, narrow, noisy, -tracking)
     n = share(g, q, radius=smoothing_radius, prior=0.0, doubt=doubt, margin=0.0)

@@ -120,7 +120,7 @@ def box_fit(
 
 
 def feature_planes(planes: dict[str, np.ndarray], prefiltered: bool) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Albedo in [0, 1], normal and z / (z + geometric mean) side by side, (H, W, C), and the variances."""
+    """Albedo in [0, 1], normal and `depth_feature` side by side, (H, W, C), and the variances."""
     features, noises = [], []
     for name in ("albedo", "normal", "depth"):
         if name not in planes:

@@ -84,6 +84,15 @@ def share(
     return np.clip(trust * (0.5 + (gs - margin * sd) / qs) + (1.0 - trust) * prior, 0.0, 1.0)
 
 
+def believed(current: np.ndarray, candidate: np.ndarray, apart: float) -> np.ndarray:
+    """By what a share is multiplied where the two lie far apart, (H, W).
+
+    clip(2 - |y - x| / (apart (max(min(x, y), 0) + 0.01)), 0, 1), x and y the luminances of current and candidate.
+    """
+    x, y = current[..., 0], candidate[..., 0]
+    return np.clip(2.0 - np.abs(y - x) / (apart * (np.maximum(np.minimum(x, y), 0.0) + 0.01)), 0.0, 1.0)
+
+
 def estimated_error(
     current: np.ndarray, target: np.ndarray, share: np.ndarray, scale: np.ndarray, *, radius: int
 ) -> np.ndarray:

@@ -95,12 +95,12 @@ def variance_distance(color: np.ndarray, variance: np.ndarray, dx: int, dy: int,
 
 
 def depth_feature(depth: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """d = z / (z + s), s the geometric mean of the depths above 0; the variance times the squared derivative."""
+    """d = z / (z + s) - 1/2, s the geometric mean of the depths above 0; the variance times the squared derivative."""
     depth, variance = np.asarray(depth, dtype=np.float64), np.asarray(variance, dtype=np.float64)
     positive = depth[np.isfinite(depth) & (depth > 0.0)]
     scale = float(np.exp(np.log(positive).mean())) if positive.size else 1.0
     z = np.where(depth > 0.0, depth, 0.0)
-    return z / (z + scale), variance * (scale / (z + scale) ** 2) ** 2
+    return z / (z + scale) - 0.5, variance * (scale / (z + scale) ** 2) ** 2
 
 
 def prefilter(

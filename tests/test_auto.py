@@ -34,6 +34,7 @@ def options_of(**changed):
     return options | {
         "limit": auto.LIMIT,
         "keep": auto.KEEP,
+        "apart": auto.APART,
         "smoothing_radius": choice.SMOOTHING_RADIUS,
     }
 
@@ -81,8 +82,10 @@ def test_a_bright_light_gives_its_noise_to_no_wall(engine):
 
 @pytest.mark.parametrize(("height", "width"), [*SIZES, (37, 101)])
 @pytest.mark.parametrize("kind", ["uniform", "constant", "step", "textured"])
-@pytest.mark.parametrize(("prior", "doubt", "margin", "known"), [(0.5, 0.4, 0.0, False), (0.0, 0.0, 0.4, True)])
-def test_choice(engine, kind, height, width, prior, doubt, margin, known):
+@pytest.mark.parametrize(
+    ("prior", "doubt", "margin", "apart", "known"), [(0.5, 0.4, 0.0, 0.2, False), (0.0, 0.0, 0.4, 1e30, True)]
+)
+def test_choice(engine, kind, height, width, prior, doubt, margin, apart, known):
     image = inputs.planes(kind, height, width, 3)
     current, candidate, noisy = (frame_like(image, seed) for seed in range(3))
     variance = (0.02 * (image + 0.1)).astype(np.float32)
@@ -100,9 +103,9 @@ def test_choice(engine, kind, height, width, prior, doubt, margin, known):
     for got, expected in zip(to_array(engine, found).transpose(2, 0, 1), (g, square, q), strict=True):
         close(got, theory.twice_box_mean(expected, choice.SMOOTHING_RADIUS), tolerance=1e-5)
 
-    share = choice.mix_in(engine, *planes[:2], found, prior=prior, doubt=doubt, margin=margin)
+    share = choice.mix_in(engine, *planes[:2], found, prior=prior, doubt=doubt, margin=margin, apart=apart)
     options = {"prior": prior, "doubt": doubt, "margin": margin, "square": square}
-    expected = theory.share(g, q, radius=choice.SMOOTHING_RADIUS, **options)
+    expected = theory.share(g, q, radius=choice.SMOOTHING_RADIUS, **options) * theory.believed(*briefs[:2], apart)
     close(to_array(engine, share), expected, scale=1.0, tolerance=1e-3)
     close(to_array(engine, planes[0]), current + expected[..., None] * (candidate - current), tolerance=1e-3)
 

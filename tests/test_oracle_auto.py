@@ -30,6 +30,7 @@ FIRST = {"search_radius": 7, "patch_radius": 2, "bandwidth": 0.72}
 FIRST |= {"ridge": 0.02, "noise_ridge": 5.0, "position_ridge": 0.1}
 WIDE = {"wide_radius": 3, "wide_stride": 3, "wide_bandwidth": 1.8}
 CHOICE = {"tracking": 0.01, "doubt": 0.42, "caution": 0.1, "keep": 0.05, "limit": 1.0, "smoothing_radius": 4}
+CHOICE |= {"apart": 1.0}
 AUTO = FIRST | WIDE | CHOICE
 
 
@@ -103,7 +104,7 @@ def test_regression_matches_the_loops(noise, limit):
     parts = [
         (np.clip(scene["albedo"], 0.0, 1.0), variances["albedo"]),
         (scene["normal"], variances["normal"]),
-        ((z / (z + scale))[..., None], None),
+        ((z / (z + scale) - 0.5)[..., None], None),
     ]
     if noise == "all":
         parts[2] = (parts[2][0], (variances["depth"] * scale**2 / (z + scale) ** 4)[..., None])

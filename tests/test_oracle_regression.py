@@ -340,9 +340,9 @@ def test_depth_feature_matches_its_formula_and_derivative():
         z = max(depth[y, x], 0.0)
         step = 1e-5
         slope = ((z + step) / (z + step + scale) - (z - step) / (z - step + scale)) / (2.0 * step)
-        np.testing.assert_allclose(d[y, x], z / (z + scale), rtol=1e-12)
+        np.testing.assert_allclose(d[y, x], z / (z + scale) - 0.5, rtol=1e-12)
         np.testing.assert_allclose(v[y, x], variance[y, x] * slope**2, rtol=1e-6)
-    assert d[0, 0] == d[0, 1] == 0.0 and (d >= 0.0).all() and (d < 1.0).all()
+    assert d[0, 0] == d[0, 1] == -0.5 and (d >= -0.5).all() and (d < 0.5).all()
 
 
 def test_depth_feature_does_not_depend_on_the_unit():
@@ -355,7 +355,7 @@ def test_depth_feature_does_not_depend_on_the_unit():
 
 def test_depth_feature_without_any_depth():
     d, v = ora.depth_feature(np.zeros((3, 2)), np.full((3, 2), 0.5))
-    assert not d.any() and (v == 0.5).all()
+    assert (d == -0.5).all() and (v == 0.5).all()
 
 
 def test_depth_feature_variance_predicts_the_spread():

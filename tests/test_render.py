@@ -92,6 +92,14 @@ def test_metadata(ours):
     assert ours.metadata["scene"] in scene_names() and ours.metadata["variant"] == "scalar_rgb"
 
 
+def test_our_scenes_repeat(ours):
+    """Each load of a scene asks the same light for the same random number."""
+    for _ in range(2):
+        again = scalar(ours.metadata["scene"], spp=8, width=32, halves=True)
+        for name, plane in ours.planes().items():
+            np.testing.assert_array_equal(getattr(again, name), plane, err_msg=name)
+
+
 # Statistics
 
 

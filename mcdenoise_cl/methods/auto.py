@@ -67,6 +67,11 @@ KEEP = 0.05
 #: Residuals count up to so many standard deviations of the noise, whose tails are long.
 LIMIT = 1.0
 
+#: `apart` of `mix_in`: noise that the first fit has left does not make the second one twice as bright or dark. Beside a
+#: light a thousand times as bright the second takes the wall for a dark part of the light, and nothing else tells: all
+#: errors there are small beside those of the light.
+APART = 1.0
+
 
 def reach(p: Parameters) -> int:
     """Rows that a pixel depends on to each side.
@@ -114,7 +119,7 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     )
     # The wide fit takes half where nothing is known: two estimates of like error average to a better one.
     found = compare(engine, current, wide, target, tracking=p.tracking, limit=LIMIT)
-    wide_share = mix_in(engine, current, wide, found, prior=0.5, doubt=p.doubt, margin=0.0)
+    wide_share = mix_in(engine, current, wide, found, prior=0.5, doubt=p.doubt, margin=0.0, apart=APART)
     found = compare(engine, current, narrow, target, tracking=-p.tracking, limit=LIMIT)
     narrow_share = mix_in(engine, current, narrow, found, prior=0.0, doubt=p.doubt, margin=0.0)
     filtered = stack(engine, [current], 0)

@@ -12,7 +12,7 @@ from ..stages.exposure import KEY, auto_exposure, exposure_of_bands, inverse_geo
 from ..stages.noise import noise_level, noise_of_bands
 from ..stages.rows import Rows
 from ..stages.source import Source
-from ..stages.variance import scale
+from ..stages.variance import first_pixel, scale
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,7 @@ class Facts:
         exposure: as in `Result`.
         noise_level: as in `Result`.
         inverse_depth: 1 / the geometric mean of the depth; None without depth.
+        first_normal: the normal of the first pixel; None without normals.
         edges, references: the guide of the normals, one plane of the whole frame, and what `guided_filter` counts
             from; only for methods that have one.
         rows: those that are filtered.
@@ -31,6 +32,7 @@ class Facts:
     exposure: cl.MemoryObjectHolder
     noise_level: cl.MemoryObjectHolder
     inverse_depth: cl.MemoryObjectHolder | None = None
+    first_normal: cl.MemoryObjectHolder | None = None
     edges: Planes | None = None
     references: cl.MemoryObjectHolder | None = None
     rows: Rows | None = None
@@ -67,3 +69,10 @@ def inverse_depth_of(engine: Engine, source: Source) -> cl.MemoryObjectHolder | 
         return None
     bands = ((depth, rows.first) for depth, rows in source.sweep("depth"))
     return inverse_geometric_mean_of_bands(engine, bands, source.height)
+
+
+def first_normal_of(engine: Engine, source: Source) -> cl.MemoryObjectHolder | None:
+    """What normals are counted from."""
+    if "normal" not in source.arrays:
+        return None
+    return first_pixel(engine, source.planes(Rows(0, 1, 0, 1), ["normal"])["normal"])

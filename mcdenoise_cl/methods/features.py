@@ -11,9 +11,11 @@ from ..stages.exposure import inverse_geometric_mean
 from ..stages.outliers import scale_outliers
 from ..stages.prefilter import prefilter
 from ..stages.variance import (
+    about,
     clip,
     depth_feature,
     depth_feature_variance,
+    first_pixel,
     known_variance,
     scale,
     variance_from_halves,
@@ -55,10 +57,16 @@ def hold_back_outliers(
 def plain_feature(
     engine: Engine, planes: dict[str, Planes], name: str, facts: Facts | None
 ) -> tuple[Planes, Planes | None]:
-    """A feature on a scale of order 1, as noisy as it came, and its variance; None where that is not known."""
+    """A feature on a scale of order 1, as noisy as it came, and its variance; None where that is not known.
+
+    Where a scale begins does not matter: fits and distances know differences only.
+    """
     feature, variance = planes[name], planes.get(f"{name}_variance")
     if name == "albedo":
         feature = clip(engine, feature, 0.0, 1.0)
+    elif name == "normal":
+        # A position, say, that comes in its place may lie anywhere.
+        feature = about(engine, feature, facts.first_normal if facts else first_pixel(engine, feature))
     elif name == "depth":
         inverse_scale = facts.inverse_depth if facts else inverse_geometric_mean(engine, feature)
         if variance is not None:

@@ -14,7 +14,7 @@ from ..stages.box import rows_each
 from ..stages.box_fit import LIGHT_RADIUS, box_fit
 from ..stages.outliers import spread_removed
 from ..stages.pad import stack
-from ..stages.variance import scale
+from ..stages.variance import scale_back
 from .facts import Facts, exposed
 from .features import (
     COLOR_VARIANCES,
@@ -107,7 +107,7 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     if facts is None:
         if removed is not None:
             out = spread_removed(engine, out, removed, p.spread_radius)
-        out = scale(engine, out, exposure, -1)
+        out = scale_back(engine, out, exposure, planes["color"])
     return Result(out, exposure, level, removed=removed, kept=color, exposed=facts is not None)
 
 

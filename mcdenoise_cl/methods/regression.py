@@ -19,8 +19,8 @@ from ..stages.pad import stack
 from ..stages.regression import first_order_regression
 from ..stages.source import Source
 from ..stages.terms import BLOCK_ROWS, Terms, choose_terms
-from ..stages.variance import channel_sum, scale
-from .facts import Facts, exposed, exposure_of, inverse_depth_of, noise_of
+from ..stages.variance import channel_sum, scale, scale_back
+from .facts import Facts, exposed, exposure_of, first_normal_of, inverse_depth_of, noise_of
 from .features import (
     COLOR_VARIANCES,
     FEATURE_VARIANCES,
@@ -67,6 +67,7 @@ class Prepared:
 
     Attributes:
         exposure, level: as in `Result`.
+        given: the colour as it came, before exposure.
         color: three planes, outliers scaled down.
         raw_variance, variance: of the pixel mean, three planes, before and after smoothing over 5x5, relative
             to the luminance.
@@ -77,6 +78,7 @@ class Prepared:
 
     exposure: cl.MemoryObjectHolder
     level: cl.MemoryObjectHolder
+    given: Planes
     color: Planes
     raw_variance: Planes
     variance: Planes
@@ -99,14 +101,14 @@ def prepare(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Fac
     names = [name for name in FEATURES if name in planes]
     names = [name for name, (feature, _) in zip(names, groups, strict=True) for _ in range(feature.channels)]
     smooth = smooth_variance(engine, variance, color, 2)
-    return Prepared(exposure, level, color, variance, smooth, removed, factor, *both, tuple(names))
+    return Prepared(exposure, level, planes["color"], color, variance, smooth, removed, factor, *both, tuple(names))
 
 
 def survey(engine: Engine, source: Source, p: Parameters) -> Facts:
     """What bands need to know of the whole frame."""
     exposure = exposure_of(engine, source, p.exposure)
     level = noise_of(engine, source, lambda color: scale(engine, color, exposure))
-    return Facts(exposure, level, inverse_depth_of(engine, source))
+    return Facts(exposure, level, inverse_depth_of(engine, source), first_normal_of(engine, source))
 
 
 def reach(p: Parameters) -> int:
@@ -165,7 +167,7 @@ def finish(
     if facts is None:
         if frame.removed is not None:
             out = spread_removed(engine, out, frame.removed, p.spread_radius)
-        out = scale(engine, out, frame.exposure, -1)
+        out = scale_back(engine, out, frame.exposure, frame.given)
     return Result(
         out,
         frame.exposure,

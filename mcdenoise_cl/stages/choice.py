@@ -67,7 +67,15 @@ def compare(
 
 
 def mix_in(
-    engine: Engine, current: Planes, candidate: Planes, found: Planes, *, prior: float, doubt: float, margin: float
+    engine: Engine,
+    current: Planes,
+    candidate: Planes,
+    found: Planes,
+    *,
+    prior: float,
+    doubt: float,
+    margin: float,
+    apart: float = 1e30,
 ) -> Planes:
     """Make `current`, in place, the mix with the least estimated error.
 
@@ -76,12 +84,14 @@ def mix_in(
         prior: the candidate's share where nothing is known.
         doubt: how soon a share goes there: standard deviations of g per unit of q.
         margin: standard deviations of g by which the candidate must be better.
+        apart: luminances that differ by more than so many times the smaller one are doubted, from twice that on the
+            candidate gets nothing.
 
     Returns:
         The candidate's share, one plane.
     """
     share = engine.planes(1, current.height, current.width)
-    numbers = float(prior), float(doubt), float(margin)
+    numbers = float(prior), float(doubt), float(margin), float(apart)
     _launch(engine, "mix_in", share, current, candidate, found, after=numbers)
     return share
 

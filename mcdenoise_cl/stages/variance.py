@@ -34,9 +34,14 @@ def channel_sum(engine: Engine, planes: Planes) -> Planes:
     return out
 
 
-def scale(engine: Engine, planes: Planes, factor: cl.MemoryObjectHolder, power: int = 1) -> Planes:
-    """planes * factor^power, for power 1 or -1."""
-    return _map(engine, "scale", planes, after=(factor, power))
+def scale(engine: Engine, planes: Planes, factor: cl.MemoryObjectHolder) -> Planes:
+    """planes * factor."""
+    return _map(engine, "scale", planes, after=(factor,))
+
+
+def scale_back(engine: Engine, planes: Planes, factor: cl.MemoryObjectHolder, before: Planes) -> Planes:
+    """planes / factor; `before` itself, to the last bit, where planes are what `scale` made of it."""
+    return _map(engine, "scale_back", planes, before, after=(factor,))
 
 
 def clip(engine: Engine, planes: Planes, low: float, high: float) -> Planes:
@@ -44,8 +49,20 @@ def clip(engine: Engine, planes: Planes, low: float, high: float) -> Planes:
     return _map(engine, "clip", planes, after=(float(low), float(high)))
 
 
+def first_pixel(engine: Engine, planes: Planes) -> cl.MemoryObjectHolder:
+    """The first pixel of every plane, one float each, on the device."""
+    out = engine.memory(4 * planes.channels)
+    engine.launch("variance", engine.kernel("variance.cl", "first_pixel"), (1,), planes, planes.channels, out)
+    return out
+
+
+def about(engine: Engine, planes: Planes, pixel: cl.MemoryObjectHolder) -> Planes:
+    """Every plane less its value of a pixel: for features, of which only differences count."""
+    return _map(engine, "about", planes, after=(pixel,))
+
+
 def depth_feature(engine: Engine, depth: Planes, inverse_scale: cl.MemoryObjectHolder) -> Planes:
-    """z / (z + scale), in [0, 1); 0 for z <= 0."""
+    """z / (z + scale) - 1/2, in [-1/2, 1/2); -1/2 for z <= 0."""
     return _map(engine, "depth_feature", depth, after=(inverse_scale,))
 
 
