@@ -1,7 +1,7 @@
-"""Small frames that together launch every kernel: for simulators that are slow and for runtimes that are new.
+"""Small frames that together launch every kernel: for simulators, which are slow.
 
-`python tests/small_frames.py [name ...]` runs them on the device that `mcdenoise_cl` picks, in the schedule that
-MCDENOISE_SCHEDULE names, and prints the name of each; tests/simulator.py does that under oclgrind.
+`python tests/small_frames.py NAME` runs one of them on the device that `mcdenoise_cl` picks, in the schedule that
+MCDENOISE_SCHEDULE names; tests/simulator.py runs all of them under oclgrind.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Any
 from unittest import mock
@@ -20,21 +20,25 @@ import pyopencl as cl
 import pyopencl.array as cl_array
 from transfer import to_array, to_planes
 
+from mcdenoise_cl import engine
 from mcdenoise_cl.api import Denoiser
 from mcdenoise_cl.choose import pick_device
 from mcdenoise_cl.device import Shape, context_for, shape_for
 from mcdenoise_cl.engine import Engine, Planes
 from mcdenoise_cl.program import kernel_folder
+from mcdenoise_cl.stages import box
 from mcdenoise_cl.stages.pad import pad
 from mcdenoise_cl.stages.ssim import patch_ssim, patch_statistics
+from mcdenoise_cl.stages.terms import BLOCK_COLUMNS, BLOCK_ROWS
 
 FEATURES = ("albedo", "normal", "depth")
 VARIANCES = tuple(f"{name}_variance" for name in FEATURES)
 HALVES = ("color_a", "color_b")
 KNOWN = "color_variance"
 
-#: More than one tile, and more than one group, in each direction; no multiple of anything.
-HEIGHT, WIDTH = 9, 35
+#: (height, width): more than one tile or group in each direction and no multiple of any, with those of `small_shape`
+#: and with those of devices.
+SMALL, WHOLE = (5, 11), (17, 67)
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ class Case:
 
 NLM = {"search_radius": 1, "patch_radius": 1}
 FIT = {"search_radius": 2, "patch_radius": 1}
-AUTO = {**FIT, "wide_radius": 1, "wide_stride": 2}
+AUTO = {**FIT, "wide_radius": 1, "wide_stride": 2, "spread_radius": 32}
 
 CASES = {
     "nlm": Case("nlm", parameters=NLM),
@@ -99,17 +103,24 @@ def small_shape(shape: Shape) -> Shape:
     return replace(shape, width=min(shape.width, 4), tile=(8, 4), deep=(8, 4), group=(8, 4))
 
 
-def run_case(
-    queue: cl.CommandQueue, case: Case, height: int = HEIGHT, width: int = WIDTH, small: bool = True
-) -> dict[str, Any]:
+@contextmanager
+def tight() -> Iterator[None]:
+    """Planes end with a block of `terms`, than which nothing in `small_shape` is wider, so that what lies beyond shows;
+    and what a group transposes at a time is as small."""
+    planes = mock.patch.multiple(engine, _COLUMNS=BLOCK_COLUMNS, _ROWS=BLOCK_ROWS, _SLACK=4)
+    with planes, mock.patch.object(box, "GROUP_BLOCK", 4):
+        yield
+
+
+def run_case(queue: cl.CommandQueue, case: Case, size: tuple[int, int] = SMALL, small: bool = True) -> dict[str, Any]:
     """Everything that one case makes of a frame: the image, both maps and the numbers of the report.
 
     The planes go to the device first: some simulators take the host's own memory for uninitialised. `small` cuts the
     work as `small_shape` says; else as the device wants it.
     """
     wanted = ("color", *case.planes)
-    planes = {plane: _on_device(queue, image, case) for plane, image in frame(height, width).items() if plane in wanted}
-    denoiser = Denoiser(height, width, method=case.method, queue=queue, **case.parameters)
+    planes = {plane: _on_device(queue, image, case) for plane, image in frame(*size).items() if plane in wanted}
+    denoiser = Denoiser(*size, method=case.method, queue=queue, **case.parameters)
     if small:
         denoiser.use_shape(small_shape(shape_for(queue.device)))
     image = denoiser(planes.pop("color"), **planes).get()
@@ -127,14 +138,14 @@ def _on_device(queue: cl.CommandQueue, image: np.ndarray, case: Case) -> cl_arra
     return cl_array.to_device(queue, np.repeat(image, 2, axis=1))[:, ::2]
 
 
-def run_ssim(queue: cl.CommandQueue, height: int = HEIGHT, width: int = WIDTH, small: bool = True) -> dict:
+def run_ssim(queue: cl.CommandQueue, size: tuple[int, int] = SMALL, small: bool = True) -> dict[str, Any]:
     """The map of SSIM for one offset, which is on no way from the door to the exit."""
-    engine = Engine(queue)
+    own = Engine(queue)
     if small:
-        engine.use_shape(small_shape(engine.shape))
-    unit = pad(engine, to_planes(engine, 0.5 + 0.5 * frame(height, width)["normal"]), 3)
-    stats = pad(engine, patch_statistics(engine, unit, 1), 3)
-    return {"image": to_array(engine, patch_ssim(engine, unit, stats, 1, -2, 1, 1e-4, 9e-4))}
+        own.use_shape(small_shape(own.shape))
+    unit = pad(own, to_planes(own, 0.5 + 0.5 * frame(*size)["normal"]), 3)
+    stats = pad(own, patch_statistics(own, unit, 1), 3)
+    return {"image": to_array(own, patch_ssim(own, unit, stats, 1, -2, 1, 1e-4, 9e-4))}
 
 
 def kernels() -> set[tuple[str, str]]:
@@ -150,13 +161,13 @@ def recorded() -> Iterator[set[tuple[str, str]]]:
     files: dict[int, str] = {}
     made, launch = Engine.kernel, Engine.launch
 
-    def kernel(engine: Engine, file: str, *arguments, **defines) -> cl.Kernel:
-        found = made(engine, file, *arguments, **defines)
+    def kernel(self: Engine, file: str, *arguments, **defines) -> cl.Kernel:
+        found = made(self, file, *arguments, **defines)
         files[found.int_ptr] = file
         return found
 
-    def noted(engine: Engine, stage: str, kernel: cl.Kernel, *arguments, **options) -> None:
-        launch(engine, stage, kernel, *arguments, **options)
+    def noted(self: Engine, stage: str, kernel: cl.Kernel, *arguments, **options) -> None:
+        launch(self, stage, kernel, *arguments, **options)
         launched.add((files[kernel.int_ptr], kernel.function_name))
 
     with mock.patch.object(Engine, "kernel", kernel), mock.patch.object(Engine, "launch", noted):
@@ -168,64 +179,67 @@ def filled(value: float) -> Iterator[None]:
     """Memory that the engine hands out meanwhile holds this value, which so must not reach any result."""
     memory = Engine.memory
 
-    def full(engine: Engine, size: int) -> cl.MemoryObjectHolder:
-        buffer = memory(engine, size)
-        cl.enqueue_fill_buffer(engine.queue, buffer, np.float32(value), 0, size // 4 * 4)
+    def full(self: Engine, size: int) -> cl.MemoryObjectHolder:
+        buffer = memory(self, size)
+        cl.enqueue_fill_buffer(self.queue, buffer, np.float32(value), 0, size // 4 * 4)
         return buffer
 
     with mock.patch.object(Engine, "memory", full):
         yield
 
 
+#: Fills what lies between an image and its next whole tile. A kernel, as oclgrind 21.10 does not see other ways to fill
+#: part of a buffer.
+MARGINS = """
+kernel void margins(global float *planes, int row, int rows, int height, int width)
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= width || y % rows >= height)
+        planes[y * row + x] = NAN;
+}
+"""
+
+
 @contextmanager
-def fresh() -> Iterator[None]:
-    """Memory that the engine hands out meanwhile is new, and a simulator knows that nothing has been written to it.
+def fresh(queue: cl.CommandQueue) -> Iterator[None]:
+    """Memory that the engine hands out meanwhile is new, so that a simulator knows that nothing has been written to it.
 
-    Only what lies between an image and its next whole tile may be read unwritten, as vectors are: it gets NaN.
+    Only between an image and its next whole tile may be read what was never written, as vectors are: there is NaN.
     """
+    margins = cl.Kernel(cl.Program(queue.context, MARGINS).build(), "margins")
     planes = Engine.planes
+    kept: list[cl.Buffer] = []  # oclgrind 21.10 takes what it knows of a freed buffer for that of the next one
 
-    def memory(engine: Engine, size: int) -> cl.MemoryObjectHolder:
-        return cl.Buffer(engine.context, cl.mem_flags.READ_WRITE, size)
+    def memory(self: Engine, size: int) -> cl.Buffer:
+        kept.append(cl.Buffer(self.context, cl.mem_flags.READ_WRITE, size))
+        return kept[-1]
 
-    def margins(engine: Engine, channels: int, height: int, width: int, border: int = 0) -> Planes:
-        out = planes(engine, channels, height, width, border)
-        rows, right = out.plane // out.row, out.row - width
-        if border:  # `pad` writes all of these
-            return out
-        parts = [((width, 0, 0), (right, rows, channels)), ((0, height, 0), (width, rows - height, channels))]
-        for (x, y, _), size in parts:
-            if min(size) > 0:
-                cl.enqueue_copy(
-                    engine.queue,
-                    out.buffer,
-                    np.full(size[::-1], np.nan, np.float32),
-                    buffer_origin=(4 * x, y, 0),
-                    host_origin=(0, 0, 0),
-                    region=(4 * size[0], *size[1:]),
-                    buffer_pitches=(4 * out.row, 4 * out.plane),
-                    host_pitches=(4 * size[0], 4 * size[0] * size[1]),
-                    is_blocking=True,
-                )
+    def zeros(self: Engine, count: int) -> cl.Buffer:
+        kept.append(cl.Buffer(self.context, cl.mem_flags.COPY_HOST_PTR, hostbuf=np.zeros(count, np.int32)))
+        return kept[-1]
+
+    def with_margins(self: Engine, channels: int, height: int, width: int, border: int = 0) -> Planes:
+        out = planes(self, channels, height, width, border)
+        if not border:  # `pad` writes all of those that have one
+            rows = out.plane // out.row
+            numbers = (np.int32(number) for number in (out.row, rows, height, width))
+            margins(self.queue, (out.row, rows * channels), None, out.buffer, *numbers)
         return out
 
-    with mock.patch.object(Engine, "memory", memory), mock.patch.object(Engine, "planes", margins):
+    with mock.patch.multiple(Engine, memory=memory, zeros=zeros, planes=with_margins):
         yield
+        queue.finish()
 
 
 def run(name: str, queue: cl.CommandQueue, **how: Any) -> dict[str, Any]:
     """All that is found of one case: see `run_case`, or `run_ssim` for the name "ssim"."""
-    return run_ssim(queue, **how) if name == "ssim" else run_case(queue, CASES[name], **how)
-
-
-def main(names: list[str]) -> None:
-    device = pick_device().device
-    queue = cl.CommandQueue(context_for(device), device)
-    for name in names or NAMES:
-        print(name, flush=True)
-        with fresh():
-            run(name, queue)
+    with tight() if how.get("small", True) else nullcontext():
+        return run_ssim(queue, **how) if name == "ssim" else run_case(queue, CASES[name], **how)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    device = pick_device().device
+    queue = cl.CommandQueue(context_for(device), device)
+    with fresh(queue):
+        whole = "--whole" in sys.argv
+        run(sys.argv[1], queue, size=WHOLE if whole else SMALL, small=not whole)

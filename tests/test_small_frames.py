@@ -9,9 +9,6 @@ import small_frames
 
 from mcdenoise_cl.device import SCHEDULE_VARIABLE, SCHEDULES, context_for
 
-#: One pixel and no whole tile, and the size that simulators get.
-SIZES = [(1, 1), (small_frames.HEIGHT, small_frames.WIDTH)]
-
 
 @pytest.fixture(params=SCHEDULES)
 def queue(request, device, monkeypatch):
@@ -31,10 +28,13 @@ def test_no_kernel_is_left_out(device, monkeypatch):
 
 
 @pytest.mark.parametrize("name", small_frames.NAMES)
-@pytest.mark.parametrize(("height", "width"), SIZES)
-@pytest.mark.parametrize("small", [True, False], ids=["seams", "whole"])
-def test_what_memory_held_before_reaches_no_result(queue, name, height, width, small):
-    how = {"height": height, "width": width, "small": small}
+@pytest.mark.parametrize(
+    ("size", "small"),
+    [(small_frames.SMALL, True), (small_frames.WHOLE, False), ((1, 1), False)],
+    ids=["seams", "whole", "pixel"],
+)
+def test_what_memory_held_before_reaches_no_result(queue, name, size, small):
+    how = {"size": size, "small": small}
     expected = small_frames.run(name, queue, **how)
     for value in (math.nan, 1e30, -1e30):
         with small_frames.filled(value):
