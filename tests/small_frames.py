@@ -85,8 +85,9 @@ NAMES = (*CASES, "ssim")
 
 
 def frame(height: int, width: int) -> dict[str, np.ndarray]:
-    """Every plane that a frame can have, float32, with two pixels that are not finite."""
+    """Every plane that a frame can have, float32, with two pixels that are not finite; no blue tells anything."""
     planes = inputs.features(height, width)
+    planes["albedo"][..., 2] = 0.5
     rng = np.random.default_rng([height, width])
     for name, noise in (("color", 0.2), ("albedo", 0.02), ("normal", 0.05), ("depth", 0.01)):
         squares = rng.gamma(4.0, 0.25, planes[name].shape)
