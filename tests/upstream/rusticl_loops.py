@@ -24,15 +24,21 @@ kernel void turns(global int *turns, int outer, int inner)
 }
 """
 
-context = cl.Context([pick_device().device])
-queue = cl.CommandQueue(context)
-kernel = cl.Kernel(cl.Program(context, SOURCE).build(), "turns")
-wrong = False
-for outer, inner in ((1, 65535), (1, 65536), (1, 100000), (300, 200), (300, 300)):
-    turns = np.array([0, 1], np.int32)
-    buffer = cl.Buffer(context, cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR, hostbuf=turns)
-    kernel(queue, (1,), None, buffer, np.int32(outer), np.int32(inner))
-    cl.enqueue_copy(queue, turns, buffer)
-    print(f"{outer} x {inner} turns: {turns[0]} counted, {outer * inner} expected")
-    wrong = wrong or turns[0] != outer * inner
-sys.exit(wrong)
+
+def main() -> int:
+    context = cl.Context([pick_device().device])
+    queue = cl.CommandQueue(context)
+    kernel = cl.Kernel(cl.Program(context, SOURCE).build(), "turns")
+    wrong = 0
+    for outer, inner in ((1, 65535), (1, 65536), (1, 100000), (300, 200), (300, 300)):
+        turns = np.array([0, 1], np.int32)
+        buffer = cl.Buffer(context, cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR, hostbuf=turns)
+        kernel(queue, (1,), None, buffer, np.int32(outer), np.int32(inner))
+        cl.enqueue_copy(queue, turns, buffer)
+        print(f"{outer} x {inner} turns: {turns[0]} counted, {outer * inner} expected")
+        wrong += turns[0] != outer * inner
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
