@@ -40,11 +40,16 @@ inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int 
             inside[i] = x + i < columns ? 1.f : 0.f;
         for (int y = 0; y < rows; y++) {
             vec d[FEATURES];
+            /* Unrolled, which some compilers do with constant bounds only: one runtime ends a work-item's loops after
+             * 65535 turns in all. */
+#pragma unroll
             for (int a = 0; a < FEATURES; a++) {
                 d[a] = (VECTOR_AT(feature, a, top + y, left + x) - origin[a]) * LOAD(inside);
                 sum[a] += d[a];
-                for (int b = 0; b <= a; b++)
-                    products[PAIR(a, b)] += d[a] * d[b];
+#pragma unroll
+                for (int b = 0; b < FEATURES; b++)
+                    if (b <= a)
+                        products[PAIR(a, b)] += d[a] * d[b];
             }
         }
     }
