@@ -96,7 +96,9 @@ def _build(context: cl.Context, text: str, options: list[str]) -> cl.Program:
     with contextlib.suppress(OSError, cl.Error):
         kept = path.read_bytes()
         if hashlib.sha256(kept[32:]).digest() == kept[:32]:
-            return cl.Program(context, [device], [kept[32:]]).build(options)
+            program = cl.Program(context, [device], [kept[32:]])
+            program._source = text  # PyOpenCL looks for it, and else asks the driver for a kernel of that name
+            return program.build(options)
     program = cl.Program(context, text).build(options, cache_dir=False)
     [binary] = program.get_info(cl.program_info.BINARIES)
     put(path, hashlib.sha256(binary).digest() + binary)
