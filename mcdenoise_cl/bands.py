@@ -24,8 +24,8 @@ from .stages.variance import scale_back
 #: Pixels of a band, at most: kernels index what they keep of one with 32 bits.
 MOST_PIXELS = 2**25
 
-#: Bytes that a pixel takes, as a first guess, where the whole frame with all of its planes is filtered by `auto`.
-BYTES = 700
+#: Bytes that a pixel takes, as a first guess: those of `auto` with features and variances; too few is found out.
+BYTES = 500
 
 
 @dataclass(frozen=True)

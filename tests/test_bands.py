@@ -10,7 +10,7 @@ from inputs import planes
 from test_auto import full_scene
 
 from mcdenoise_cl import Denoiser, Frame, denoise
-from mcdenoise_cl.bands import fewer_rows, first_guess
+from mcdenoise_cl.bands import BYTES, fewer_rows, first_guess
 from mcdenoise_cl.engine import Engine
 from mcdenoise_cl.errors import DeviceError, NoRoomError, ParameterError
 from mcdenoise_cl.frame import PLANES
@@ -256,7 +256,7 @@ def test_a_device_without_any_room_is_an_error(monkeypatch):
 
 def test_what_is_tried():
     assert first_guess(1080, 1920, None, 100) == 1080
-    assert first_guess(1080, 1920, 10**9, 100) == 10**9 // 700 // 1920
+    assert first_guess(1080, 1920, 10**9, 100) == 10**9 // BYTES // 1920
     assert first_guess(1080, 1920, 10**6, 100) == 100
     assert first_guess(50, 1920, 10**6, 50) == 50
     assert first_guess(100_000, 100_000, None, 100) == 2**25 // 100_000
