@@ -79,7 +79,7 @@ def filter_frame(engine: Engine, method: Method, source: Source, p: Any, target:
     light, summaries = None, []
     kept = target if target.dtype == np.float32 else _room_for(engine, source)
     for rows in cut(source.height, source.most, method.reach(p), method.align(engine, p)):
-        result = _band(engine, method, source, p, replace(facts, rows=rows))
+        result = method.run(engine, source.planes(rows, count=True), p, replace(facts, rows=rows))
         image = rows.wanted(result.color)
         if result.exposed and result.removed is not None:
             light = light or Light(engine, source.height, source.width, p.spread_radius)
@@ -94,10 +94,6 @@ def filter_frame(engine: Engine, method: Method, source: Source, p: Any, target:
         light.blur()
         _give_back(engine, source, light, facts, kept, target)
     return Filtered(result, lambda maps: summaries)
-
-
-def _band(engine: Engine, method: Method, source: Source, p: Any, facts: Facts) -> Result:
-    return method.run(engine, source.planes(facts.rows, count=True), p, facts)
 
 
 def _room_for(engine: Engine, source: Source) -> Strided:

@@ -26,7 +26,7 @@ def cut(height: int, most: int, reach: int, align: int) -> list[Rows]:
 
     Args:
         height: of the frame.
-        most: at least align + 2 reach, if it is less than `height`.
+        most: at least 2 align + 2 reach, if it is less than `height`.
         reach: rows to each side that a row depends on.
         align: bands begin at multiples of this.
     """

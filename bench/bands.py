@@ -1,0 +1,66 @@
+"""What it costs to filter a frame in bands of rows: time and memory of a large frame under several budgets.
+
+    python bench/bands.py [--size 3840 2160] [--memory 2048 1024] [--methods auto guided nlm]
+
+The frame is made up: a synthetic room with features, noise and its variance, tiled. Of each method and budget: rows of
+a band, the best of three calls, and what is kept besides input and output; results that differ from the whole in any
+bit are said to.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from mcdenoise_cl import Denoiser, Frame
+from mcdenoise_cl.errors import NoRoomError
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+import inputs
+
+
+def large_frame(width: int, height: int) -> Frame:
+    """The synthetic room, repeated until it fills the frame, with a variance of a twentieth of its square."""
+    tile = inputs.features(min(height, 540), min(width, 960))
+    times = -(-height // tile["depth"].shape[0]), -(-width // tile["depth"].shape[1])
+    planes = {name: np.tile(plane, times + (1,) * (plane.ndim - 2)) for name, plane in tile.items()}
+    planes = {name: np.ascontiguousarray(plane[:height, :width]) for name, plane in planes.items()}
+    return Frame(**planes, color_variance=0.05 * planes["color"] ** 2 + np.float32(1e-6))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", nargs=2, type=int, default=(3840, 2160), metavar=("W", "H"))
+    parser.add_argument("--memory", nargs="*", type=int, default=(2048, 1024), help="MiB; the whole frame comes first")
+    parser.add_argument("--methods", nargs="+", default=("auto", "guided", "nlm"))
+    options = parser.parse_args()
+    frame = large_frame(*options.size)
+    print("| method | MiB allowed | rows | seconds | MiB kept | |\n|:---|---:|---:|---:|---:|:---|")
+    for method in options.methods:
+        whole = None
+        for budget in (None, *options.memory):
+            denoiser = Denoiser(*frame.shape, method=method, max_memory_mb=budget)
+            try:
+                result, seconds = denoiser(frame), []
+                for _ in range(3):
+                    start = time.perf_counter()
+                    result = denoiser(frame)
+                    seconds.append(time.perf_counter() - start)
+            except NoRoomError as error:
+                print(f"| {method} | {budget} | | | | {error} |", flush=True)
+                continue
+            whole = result if whole is None else whole
+            same = "" if np.array_equal(result, whole) else "**not the bits of the whole frame**"
+            kept = denoiser._engine.held / 2**20
+            print(
+                f"| {method} | {budget or ''} | {denoiser._rows} | {min(seconds):.2f} | {kept:.0f} | {same} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
