@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -12,6 +11,8 @@ import click
 
 from . import __version__, methods
 from .choose import pick_device
+from .cli_denoise import denoise
+from .cli_options import COUNT, PATH, chosen_device, debug_option, device_option, force_option, json_option, usage
 from .console import (
     Progress,
     note_missing_metrics,
@@ -22,14 +23,10 @@ from .console import (
     say,
     sentence,
     show_traceback,
-    tell_outcome,
-    tell_outcomes,
 )
 from .device import identity, list_devices, shape_for
 from .errors import DeviceError, FrameError, ParameterError
-from .frame import PLANES, Frame
-from .methods import DEFAULT_PRESET, PRESETS, get_method, settle
-from .methods.parameters import parse
+from .frame import Frame
 from .quiet import hushed
 
 # batch, demo, exr, metrics, render and report are imported by the commands that use them: they take their time.
@@ -53,26 +50,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def _debug(context: click.Context, _: click.Parameter, value: bool) -> None:
-    if value:
-        context.find_root().obj["debug"] = True
-
-
-# Taken before and after the command's name: whoever runs a command again appends it.
-debug_option = click.option(
-    "--debug", is_flag=True, expose_value=False, is_eager=True, callback=_debug, help="Show the traceback of an error."
-)
-device_option = click.option(
-    "--device",
-    metavar="D",
-    help="Index or part of a name, as `mcdenoise devices` lists them (or set MCDENOISE_DEVICE).",
-)
-force_option = click.option("--force", is_flag=True, help="Replace existing output files; inputs are never replaced.")
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-COUNT = click.IntRange(min=1)
-PATH = click.Path(path_type=Path)
-
-
 @click.group(
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
@@ -87,87 +64,7 @@ def mcdenoise(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-@mcdenoise.command()
-@click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@click.option(
-    "-o", "--output", required=True, metavar="PATH", help="File to write; of several inputs or a folder: folder."
-)
-@click.option(
-    "--method",
-    type=click.Choice([method.name for method in methods()]),
-    help="See `mcdenoise methods`.",
-)
-@click.option(
-    "--preset",
-    type=click.Choice(list(PRESETS)),
-    help=f"How long it may take; instead of a method. Default: {DEFAULT_PRESET}.",
-)
-@click.option("--set", "pairs", multiple=True, metavar="NAME=VALUE", help="A parameter: see `mcdenoise methods`.")
-@click.option(
-    "--layer",
-    "layers",
-    multiple=True,
-    metavar="PLANE=NAME",
-    help=f"The layer of a plane, where it is not recognised; none leaves the plane out. Planes: {', '.join(PLANES)}.",
-)
-@click.option("--samples", type=COUNT, metavar="N", help="Samples per pixel, where the file does not tell.")
-@device_option
-@click.option(
-    "--max-memory-mb",
-    type=COUNT,
-    metavar="N",
-    help="MiB to use besides the frame itself; large frames are filtered in bands. By default what the device has.",
-)
-@force_option
-@debug_option
-@click.pass_context
-def denoise(
-    context: click.Context,
-    inputs: tuple[str, ...],
-    output: str,
-    method: str | None,
-    preset: str | None,
-    pairs: tuple[str, ...],
-    layers: tuple[str, ...],
-    samples: int | None,
-    device: str | None,
-    max_memory_mb: int | None,
-    force: bool,
-) -> int:
-    """Denoise EXR files, or every *.exr directly in a folder.
-
-    Only the colour is replaced: the outputs keep every other layer of the inputs. An existing output is refused (one
-    file) or skipped (several) without --force.
-
-    \b
-    mcdenoise denoise noisy.exr -o clean.exr
-    mcdenoise denoise frames/ -o clean/ --preset balanced
-    mcdenoise denoise frames/ -o clean/ --method nlm --set h_factor=1.2
-    """
-    from . import batch
-
-    if method is not None and preset is not None:
-        raise _usage(f"--method {method} and --preset {preset} are both given: a preset is a method, so give one")
-    name, parameters = settle(method, preset, {})
-    options = {"method": name, "layers": _layers(layers), "samples_per_pixel": samples, "overwrite": force}
-    options |= parameters | _parameters(name, pairs) | {"device": _device(device), "max_memory_mb": max_memory_mb}
-    is_dir = os.path.isdir  # a Path's raises for a name that is too long
-    is_folder = is_dir(inputs[0])
-    if len(inputs) > 1 and any(map(is_dir, inputs)):
-        raise _usage("there is a folder among several inputs, but one folder or several files are needed")
-    if len(inputs) == 1 and not is_folder and not is_dir(output) and not output.endswith(("/", os.sep)):
-        tell_outcome(batch.denoise_file(inputs[0], output, **options), automatic=method is None)
-        return 0
-    sources = batch.find_exrs(inputs[0]) if is_folder else inputs
-    done: list[batch.Outcome] = []
-    with Progress() as progress:
-
-        def show(outcome: batch.Outcome) -> None:
-            done.append(outcome)
-            progress.show(f"denoising into {output}", len(done), len(sources))
-
-        batch.denoise_files(sources, output, **options, on_progress=show)
-    return 0 if tell_outcomes(done, context.obj["debug"]) else 1
+mcdenoise.add_command(denoise)
 
 
 @mcdenoise.command()
@@ -201,7 +98,7 @@ def tune(device: str | None, reset: bool) -> None:
     from .measured import forget
     from .tune import tune as measure
 
-    info = pick_device(_device(device))
+    info = pick_device(chosen_device(device))
     if reset:
         forget(identity(info))
         say(f"{info.name}: the usual shapes are used again")
@@ -250,7 +147,7 @@ def render(
         return
     for value, name in ((scene, "SCENE"), (output, "-o FILE"), (spp, "--spp N")):
         if value is None:
-            raise _usage(f"{name} is missing")
+            raise usage(f"{name} is missing")
     batch.check_target(output, force)
     with Progress() as progress:
         frame = render(scene, spp=spp, **options, on_progress=partial(progress.show, f"rendering {scene}"))
@@ -310,50 +207,9 @@ def demo(folder: Path, device: str | None, **options: Any) -> None:
     """
     from .demo import run_demo
 
-    chosen = _device(device)
+    chosen = chosen_device(device)
     with Progress() as progress:
         result = run_demo(folder, **options, device=chosen, on_progress=progress.show)
     click.echo(result.table)
     note_missing_metrics()
     say(f"Denoised on {result.device}. Look at the pictures in {result.report}.")
-
-
-def _usage(message: str) -> click.UsageError:
-    return click.UsageError(message, click.get_current_context())
-
-
-def _device(choice: str | None) -> Any:
-    """The device, before any work is done. A wrong --device is wrong usage; to have no device at all is not."""
-    known = list_devices()
-    try:
-        return pick_device(choice).device
-    except DeviceError as error:
-        if choice is None or not known:
-            raise
-        raise _usage(str(error)) from error
-
-
-def _parameters(method: str, pairs: Sequence[str]) -> dict[str, Any]:
-    """Values by name from NAME=VALUE."""
-    known = {info.name: info for info in get_method(method).parameters}
-    values = {}
-    for name, text in _split("--set", "NAME=VALUE", pairs):
-        if name not in known:
-            raise _usage(f"--set has {name!r}, but method {method} has the parameters {', '.join(known)}")
-        values[name] = parse(known[name], text)
-    return values
-
-
-def _layers(pairs: Sequence[str]) -> dict[str, str]:
-    layers = dict(_split("--layer", "PLANE=NAME", pairs))
-    for plane in layers:
-        if plane not in PLANES:
-            raise _usage(f"--layer has {plane!r}, but the planes are {', '.join(PLANES)}")
-    return layers
-
-
-def _split(option: str, form: str, pairs: Sequence[str]) -> list[tuple[str, str]]:
-    for pair in pairs:
-        if "=" not in pair:
-            raise _usage(f"{option} is {pair!r}, but {form} is needed")
-    return [(name.strip(), text) for name, _, text in (pair.partition("=") for pair in pairs)]
