@@ -7,7 +7,7 @@
  * d is the Gaussian-weighted mean squared difference of the patches of `tone`, over three channels (eq. 6).
  * All inputs have mirrored borders of at least search radius + patch radius, so no pixel needs a test.
  */
-#include "patch.h"
+#include "pairs.h"
 
 kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, int search_radius,
                 constant float *gaussian, global const float *restrict noise_level, float h_factor,
@@ -19,44 +19,60 @@ kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, 
 {
     const int x = get_global_id(0) * COLUMNS, y = get_global_id(1) * ROWS;
     const float scale = exponent_scale(h_factor, noise_level[0]);
-    global const float *tone_here = tone + INDEX(tone, 0, y, x);
     global const float *color_here = color + INDEX(color, 0, y, x);
-#ifdef WITH_SSIM
-    global const float *unit_here = unit + INDEX(unit, 0, y, x);
-    global const float *stats_here = stats + INDEX(stats, 0, y, x);
-#endif
     vec total[ROWS][VECTORS], most[ROWS][VECTORS], sum[3][ROWS][VECTORS];
+    vec weights[REGION_ROWS][REGION_VECTORS];
+#ifdef WITH_SSIM
+    vec ssim[REGION_ROWS][REGION_VECTORS];
+#endif
     for (int r = 0; r < ROWS; r++)
         for (int v = 0; v < VECTORS; v++) {
             total[r][v] = most[r][v] = (vec)(0.f);
             sum[0][r][v] = sum[1][r][v] = sum[2][r][v] = (vec)(0.f);
         }
-    for (int dy = -search_radius; dy <= search_radius; dy++)
-        for (int dx = -search_radius; dx <= search_radius; dx++) {
-            if (dx == 0 && dy == 0)
-                continue;
-            vec distance[ROWS][VECTORS];
-            patch_sum(tone_here, tone_here + dy * tone_row + dx, tone_row, tone_plane, 3, gaussian, distance);
+    /* Of each offset and its opposite, the one that points down or to the right. Where they are too long to share their
+     * weights, each has its own, over the tile alone. */
+    for (int dy = 0; dy <= search_radius; dy++)
+        for (int dx = dy == 0 ? 1 : -search_radius; dx <= search_radius; dx++) {
+            const bool shared = dy <= SHARED && abs(dx) <= SHARED;
+            const int up = shared ? dy : 0, left = shared ? max(dx, 0) : 0, wide = shared ? abs(dx) : 0;
+            const region area = region_of(ROWS + up, COLUMNS + wide);
+            for (int side = 0; side < (shared ? 1 : 2); side++) {
+                const int sy = side == 0 ? dy : -dy, sx = side == 0 ? dx : -dx;
+                global const float *here = tone + INDEX(tone, 0, y - up, x - left);
+                patch_sum(here, here + sy * tone_row + sx, tone_row, tone_plane, 3, gaussian, area, weights);
 #ifdef WITH_SSIM
-            vec ssim[ROWS][VECTORS];
-            patch_ssim_tile(unit_here, unit_here + dy * unit_row + dx, unit_row, unit_plane, stats_here,
-                                stats_here + dy * stats_row + dx, stats_row, stats_plane, c1, c2, ssim);
+                global const float *unit_here = unit + INDEX(unit, 0, y - up, x - left);
+                global const float *stats_here = stats + INDEX(stats, 0, y - up, x - left);
+                patch_ssim_region(unit_here, unit_here + sy * unit_row + sx, unit_row, unit_plane, stats_here,
+                                  stats_here + sy * stats_row + sx, stats_row, stats_plane, c1, c2, area, ssim);
 #endif
-            global const float *color_there = color_here + dy * color_row + dx;
-            for (int r = 0; r < ROWS; r++)
-                for (int v = 0; v < VECTORS; v++) {
-                    vec exponent = scale * distance[r][v];
+                for (int r = 0; r < area.rows; r++)
+                    for (int v = 0; v < area.vectors; v++) {
+                        vec exponent = scale * weights[r][v];
 #ifdef WITH_SSIM
-                    exponent *= stabiliser - log(ssim[r][v]);
+                        exponent *= stabiliser - log(ssim[r][v]);
 #endif
-                    const vec weight = exp(exponent);
-                    total[r][v] += weight;
-                    most[r][v] = fmax(most[r][v], weight);
-                    for (int c = 0; c < 3; c++) {
-                        const int i = c * color_plane + r * color_row + v * WIDTH;
-                        sum[c][r][v] += weight * (LOAD(color_there + i) - LOAD(color_here + i));
+                        weights[r][v] = exp(exponent);
+                    }
+                const int ahead = sy * color_row + sx, back = shared ? -ahead : ahead;
+                for (int r = 0; r < ROWS; r++) {
+                    const float *first = (const float *)weights[r + up] + left;
+                    const float *second = (const float *)weights[r] + left - dx;
+                    for (int v = 0; v < VECTORS; v++) {
+                        global const float *pixel = color_here + r * color_row + v * WIDTH;
+                        const vec one = LOAD(first + v * WIDTH);
+                        const vec other = shared ? LOAD(second + v * WIDTH) : (vec)(0.f);
+                        total[r][v] += one + other;
+                        most[r][v] = fmax(most[r][v], fmax(one, other));
+                        for (int c = 0; c < 3; c++) {
+                            const vec own = LOAD(pixel + c * color_plane);
+                            sum[c][r][v] += one * (LOAD(pixel + c * color_plane + ahead) - own);
+                            sum[c][r][v] += other * (LOAD(pixel + c * color_plane + back) - own);
+                        }
                     }
                 }
+            }
         }
     for (int r = 0; r < ROWS && y + r < height; r++)
         for (int v = 0; v < VECTORS; v++) {

@@ -1,5 +1,5 @@
 /* SSIM between patches of the prefiltered normals (Yang 2022, eq. 7; Wang et al. 2004). */
-#include "patch.h"
+#include "pairs.h"
 
 /* Of the patch around each pixel and channel: mean, and variance about the mean. `in` has a mirrored border of at least
  * the patch radius. */
@@ -30,12 +30,12 @@ kernel void patch_ssim(CONST_PLANES(unit), CONST_PLANES(stats), int height, int 
                        float c1, float c2, PLANES(out))
 {
     const int x = get_global_id(0) * COLUMNS, y = get_global_id(1) * ROWS;
-    vec ssim[ROWS][VECTORS];
+    vec ssim[REGION_ROWS][REGION_VECTORS];
     const int move = dy * unit_row + dx, stats_move = dy * stats_row + dx;
     global const float *here = unit + INDEX(unit, 0, y, x);
     global const float *stats_here = stats + INDEX(stats, 0, y, x);
-    patch_ssim_tile(here, here + move, unit_row, unit_plane, stats_here, stats_here + stats_move, stats_row,
-                        stats_plane, c1, c2, ssim);
+    patch_ssim_region(here, here + move, unit_row, unit_plane, stats_here, stats_here + stats_move, stats_row, stats_plane,
+                      c1, c2, region_of(ROWS, COLUMNS), ssim);
     for (int r = 0; r < ROWS && y + r < height; r++)
         for (int v = 0; v < VECTORS; v++) {
             float line[WIDTH];
