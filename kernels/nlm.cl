@@ -7,6 +7,7 @@
  * d is the Gaussian-weighted mean squared difference of the patches of `tone`, over three channels (eq. 6).
  * All inputs have mirrored borders of at least search radius + patch radius, so no pixel needs a test.
  */
+#include "fast_math.h"
 #include "pairs.h"
 
 kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, int search_radius,
@@ -21,9 +22,10 @@ kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, 
     const float scale = exponent_scale(h_factor, noise_level[0]);
     global const float *color_here = color + INDEX(color, 0, y, x);
     vec total[ROWS][VECTORS], most[ROWS][VECTORS], sum[3][ROWS][VECTORS];
-    vec weights[REGION_ROWS][REGION_VECTORS];
+    float weights[REGION_ROWS][REGION_VECTORS * WIDTH];
+    vec across[REGION_ROWS + 2 * PATCH_RADIUS][REGION_VECTORS];
 #ifdef WITH_SSIM
-    vec ssim[REGION_ROWS][REGION_VECTORS];
+    vec unit_across[3][REGION_ROWS + 2 * PATCH_RADIUS][REGION_VECTORS];
 #endif
     for (int r = 0; r < ROWS; r++)
         for (int v = 0; v < VECTORS; v++) {
@@ -40,31 +42,39 @@ kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, 
             for (int side = 0; side < (shared ? 1 : 2); side++) {
                 const int sy = side == 0 ? dy : -dy, sx = side == 0 ? dx : -dx;
                 global const float *here = tone + INDEX(tone, 0, y - up, x - left);
-                patch_sum(here, here + sy * tone_row + sx, tone_row, tone_plane, 3, gaussian, area, weights);
+                sum_across(here, here + sy * tone_row + sx, tone_row, tone_plane, 3, gaussian, area, across);
 #ifdef WITH_SSIM
                 global const float *unit_here = unit + INDEX(unit, 0, y - up, x - left);
                 global const float *stats_here = stats + INDEX(stats, 0, y - up, x - left);
-                patch_ssim_region(unit_here, unit_here + sy * unit_row + sx, unit_row, unit_plane, stats_here,
-                                  stats_here + sy * stats_row + sx, stats_row, stats_plane, c1, c2, area, ssim);
+                for (int c = 0; c < 3; c++) {
+                    global const float *from = unit_here + c * unit_plane;
+                    sum_across(from, from + sy * unit_row + sx, unit_row, 0, 1, 0, area, unit_across[c]);
+                }
 #endif
                 for (int r = 0; r < area.rows; r++)
                     for (int v = 0; v < area.vectors; v++) {
-                        vec exponent = scale * weights[r][v];
+                        vec exponent = scale * sum_down(across, r, v, gaussian);
 #ifdef WITH_SSIM
-                        exponent *= stabiliser - log(ssim[r][v]);
+                        vec squares[3];
+#pragma unroll
+                        for (int c = 0; c < 3; c++)
+                            squares[c] = sum_down(unit_across[c], r, v, 0);
+                        global const float *stats_at = stats_here + r * stats_row + v * WIDTH;
+                        exponent *= stabiliser - log_positive(ssim_of(squares, stats_at, stats_at + sy * stats_row + sx,
+                                                                      stats_plane, c1, c2));
 #endif
-                        weights[r][v] = exp(exponent);
+                        STORE(exp_negative(exponent), weights[r] + v * WIDTH);
                     }
                 const int ahead = sy * color_row + sx, back = shared ? -ahead : ahead;
                 for (int r = 0; r < ROWS; r++) {
-                    const float *first = (const float *)weights[r + up] + left;
-                    const float *second = (const float *)weights[r] + left - dx;
+                    const float *first = weights[r + up] + left;
+                    const float *second = weights[r] + left - dx;
                     for (int v = 0; v < VECTORS; v++) {
                         global const float *pixel = color_here + r * color_row + v * WIDTH;
                         const vec one = LOAD(first + v * WIDTH);
                         const vec other = shared ? LOAD(second + v * WIDTH) : (vec)(0.f);
                         total[r][v] += one + other;
-                        most[r][v] = fmax(most[r][v], fmax(one, other));
+                        most[r][v] = larger(most[r][v], larger(one, other));
                         for (int c = 0; c < 3; c++) {
                             const vec own = LOAD(pixel + c * color_plane);
                             sum[c][r][v] += one * (LOAD(pixel + c * color_plane + ahead) - own);

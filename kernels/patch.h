@@ -64,7 +64,7 @@ inline void patch_variance_distance(global const float *a, global const float *b
     const float norm = 1.f / (PATCH * PATCH);
     for (int y = 0; y < ROWS; y++)
         for (int v = 0; v < VECTORS; v++)
-            out[y][v] = fmax(norm * sum_down(across, y, v), (vec)(0.f));
+            out[y][v] = larger(norm * sum_down(across, y, v), (vec)(0.f));
 }
 
 /* out[y][v] = weight_of_sums. */
