@@ -81,20 +81,22 @@ kernel void compare(CONST_PLANES(current), CONST_PLANES(candidate), CONST_PLANES
 kernel void mix_in(PLANES(current), CONST_PLANES(candidate), CONST_PLANES(found), int height, int width, float prior,
                    float doubt, float margin, float apart, PLANES(share))
 {
-    const int x = get_global_id(0), y = get_global_id(1);
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const float g = AT(found, 0, y, x), q = AT(found, 2, y, x) + LEAST_DIFFERENCE;
-    const float deviation = sqrt(larger(AT(found, 1, y, x) - g * g, 0.f));
-    const float doubtful = (doubt * deviation + DOUBTFUL_DIFFERENCE) / q, trust = 1.f / (1.f + doubtful * doubtful);
-    const float best = 0.5f + (g - margin * deviation) / q;
-    const float l = LUMINANCE(current, y, x), m = LUMINANCE(candidate, y, x);
-    const float believed = clamp(2.f - fabs(m - l) / (apart * (larger(smaller(l, m), 0.f) + FAINT)), 0.f, 1.f);
-    const float a = believed * clamp(trust * best + (1.f - trust) * prior, 0.f, 1.f);
-    AT(share, 0, y, x) = a;
+    const vec zero = (vec)(0.f), one = (vec)(1.f);
+    const vec g = VECTOR_AT(found, 0, y, x), q = VECTOR_AT(found, 2, y, x) + LEAST_DIFFERENCE;
+    const vec deviation = sqrt(larger(VECTOR_AT(found, 1, y, x) - g * g, zero));
+    const vec doubtful = (doubt * deviation + DOUBTFUL_DIFFERENCE) / q, trust = 1.f / (1.f + doubtful * doubtful);
+    const vec best = 0.5f + (g - margin * deviation) / q;
+    const vec l = VECTOR_LUMINANCE(current, y, x), m = VECTOR_LUMINANCE(candidate, y, x), darker = smaller(l, m);
+    const vec step = larger(l, m) - darker;
+    const vec believed = BOUNDED(2.f - step / (apart * (larger(darker, zero) + FAINT)), zero, one);
+    const vec a = believed * BOUNDED(trust * best + (1.f - trust) * prior, zero, one);
+    STORE(a, share + INDEX(share, 0, y, x));
     for (int c = 0; c < 4; c++) {
-        const float before = AT(current, c, y, x), after = AT(candidate, c, y, x);
-        AT(current, c, y, x) = BLEND(before, after, a);
+        const vec before = VECTOR_AT(current, c, y, x), after = VECTOR_AT(candidate, c, y, x);
+        STORE(BLEND(before, after, a), current + INDEX(current, c, y, x));
     }
 }
 
