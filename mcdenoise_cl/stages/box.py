@@ -37,7 +37,7 @@ def _pass(engine: Engine, image: Planes, radius: int) -> Planes:
         each = rows_each(engine, radius)
         kernel = engine.kernel("box.cl", "box_transposed")
         size = (engine.vectors(width), -(-height // each), channels)
-        engine.launch("box", kernel, size, image, height, out, radius, each, 1.0 / window)
+        engine.launch("box", kernel, size, image, height, out, radius, each, 1.0 / window, single=True)
     return out
 
 
