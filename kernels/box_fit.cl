@@ -6,6 +6,7 @@
  * features (He and Sun 2015). Weights are those of relative errors: without them a window that holds something bright
  * fits that alone, and is wrong by its size in the dark.
  */
+#include "fast_math.h"
 #include "groups.h"
 
 #define PIXELS (BLOCK * BLOCK)
@@ -17,18 +18,15 @@
 /* 1 / (l + DARKEST)^relative */
 inline vec relative_weight(vec light, float relative)
 {
-    return exp2(log2(clamp(light, 0.f, BRIGHTEST) + DARKEST) * -relative);
+    return fast_exp(-relative * fast_log(BOUNDED(light, (vec)(0.f), (vec)(BRIGHTEST)) + DARKEST));
 }
 
 /* Every BLOCK-th value of a row of n, WIDTH of them from x on; past the end the last one again. */
 inline vec every(global const float *row, int x, int n)
 {
-#if BLOCK == 2 && WIDTH == 4
-    if (x + 8 <= n)
-        return vload8(0, row + x).even;
-#elif BLOCK == 2 && WIDTH == 8
-    if (x + 16 <= n)
-        return (float8)(vload8(0, row + x).even, vload8(0, row + x + 8).even);
+#if BLOCK == 2 && WIDTH > 1
+    if (x + 2 * WIDTH <= n)
+        return (vec)(LOAD(row + x).even, LOAD(row + x + WIDTH).even);
 #endif
     float line[WIDTH];
     for (int i = 0; i < WIDTH; i++)
@@ -172,19 +170,13 @@ kernel void box_fit_columns(CONST_PLANES(group), int height, int width, int phas
     const int x = get_global_id(0) * WIDTH, first = (int)get_global_id(1) * SIDE - phase - RADIUS;
     if (x >= width || first + RADIUS >= height)
         return;
-    Group ends[SIDE], beginning, window;
+    Group ends[SIDE], beginning, window[SIDE];
     join_ends(group, group_origin, group_row, group_plane, first, x, height, ends);
-    for (int i = 0; i < SIDE && first + RADIUS + i < height; i++) {
-        const int y = first + RADIUS + i;
-        NEXT_WINDOW(i);
-        if (y < 0)
-            continue;
-        STORE_TRANSPOSED(window.weight, out, 0, y, x, width);
-        for (int v = 0; v < VARIABLES; v++)
-            STORE_TRANSPOSED(window.mean[v], out, MEAN(v), y, x, width);
-        for (int q = 0; q < PRODUCTS; q++)
-            STORE_TRANSPOSED(window.product[q], out, COVARIANCE(q), y, x, width);
-    }
+    const int rows = min(SIDE, height - first - RADIUS), outside = max(-first - RADIUS, 0);
+    for (int i = 0; i < rows; i++)
+        NEXT_WINDOW(i, &window[i]);
+    STORE_TRANSPOSED(&window[outside].weight, sizeof(Group) / sizeof(vec), 1 + VARIABLES + PRODUCTS, rows - outside, out,
+                     first + RADIUS + outside, x, width);
 }
 
 /* group: windows of columns, transposed. out, upright again: the TERMS coefficients of each colour; the constant is not
@@ -196,9 +188,10 @@ kernel void box_fit_solve(CONST_PLANES(group), int height, int width, float ridg
         return;
     Group ends[SIDE], beginning, window;
     join_ends(group, group_origin, group_row, group_plane, first, x, height, ends);
-    for (int i = 0; i < SIDE && first + RADIUS + i < height; i++) {
-        const int y = first + RADIUS + i;
-        NEXT_WINDOW(i);
+    const int rows = min(SIDE, height - first - RADIUS);
+    vec function[SIDE][3 * TERMS];
+    for (int i = 0; i < rows; i++) {
+        NEXT_WINDOW(i, &window);
         const vec scale = 1.f / window.weight;
         for (int q = 0; q < PRODUCTS; q++)
             window.product[q] *= scale;
@@ -227,11 +220,12 @@ kernel void box_fit_solve(CONST_PLANES(group), int height, int width, float ridg
                     sum -= window.product[LOWER(q, a)] * z[q];
                 z[a] = sum * window.product[LOWER(a, a)];
                 constant_ -= z[a] * window.mean[a];
-                STORE_TRANSPOSED(z[a], out, k * TERMS + 1 + a, y, x, width);
+                function[i][k * TERMS + 1 + a] = z[a];
             }
-            STORE_TRANSPOSED(constant_, out, k * TERMS, y, x, width);
+            function[i][k * TERMS] = constant_;
         }
     }
+    STORE_TRANSPOSED(function[0], 3 * TERMS, 3 * TERMS, rows, out, first + RADIUS, x, width);
 }
 
 /* out: the functions, interpolated between blocks, of the pixel's own features. left: over each block, what sum w |c -

@@ -26,6 +26,7 @@
 #endif
 #define SIDE (2 * RADIUS + 1)
 
+/* As planes, in this order. */
 typedef struct {
     vec weight, mean[VARIABLES], product[ROOM];
 } Group;
@@ -87,17 +88,20 @@ inline void next_window(CONST_PLANES(group), int first, int i, int x, int height
         join(beginning, &own, beginning);
     join(&ends[i], beginning, window);
 }
-#define NEXT_WINDOW(i) \
-    next_window(group, group_origin, group_row, group_plane, first, i, x, height, ends, &beginning, &window)
+#define NEXT_WINDOW(i, window) \
+    next_window(group, group_origin, group_row, group_plane, first, i, x, height, ends, &beginning, window)
 
-/* WIDTH values of a row become a piece of a column. */
-inline void store_transposed(vec value, global float *column, int row, int count)
+/* `count` planes of `rows` rows of WIDTH values become pieces of columns; `stride` vectors lie between rows. Plane by plane,
+ * as a row of memory is written to then but once. */
+INLINE void store_transposed(const vec *values, int stride, int count, int rows, PLANES(out), int y, int x, int width)
 {
-    float line[WIDTH];
-    STORE(value, line);
-    for (int i = 0; i < WIDTH && i < count; i++)
-        column[i * row] = line[i];
+    const float *value = (const float *)values;
+    for (int p = 0; p < count; p++)
+        for (int i = 0; i < WIDTH && x + i < width; i++)
+            for (int r = 0; r < rows; r++)
+                AT(out, p, x + i, y + r) = value[(r * stride + p) * WIDTH + i];
 }
-#define STORE_TRANSPOSED(value, p, c, y, x, width) store_transposed(value, p + INDEX(p, c, x, y), p##_row, (width) - (x))
+#define STORE_TRANSPOSED(values, stride, count, rows, p, y, x, width) \
+    store_transposed(values, stride, count, rows, p, p##_origin, p##_row, p##_plane, y, x, width)
 
 #endif

@@ -60,10 +60,10 @@ kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, 
                         for (int c = 0; c < 3; c++)
                             squares[c] = sum_down(unit_across[c], r, v, 0);
                         global const float *stats_at = stats_here + r * stats_row + v * WIDTH;
-                        exponent *= stabiliser - log_positive(ssim_of(squares, stats_at, stats_at + sy * stats_row + sx,
+                        exponent *= stabiliser - fast_log(ssim_of(squares, stats_at, stats_at + sy * stats_row + sx,
                                                                       stats_plane, c1, c2));
 #endif
-                        STORE(exp_negative(exponent), weights[r] + v * WIDTH);
+                        STORE(fast_exp(exponent), weights[r] + v * WIDTH);
                     }
                 const int ahead = sy * color_row + sx, back = shared ? -ahead : ahead;
                 for (int r = 0; r < ROWS; r++) {

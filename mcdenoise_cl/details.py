@@ -194,8 +194,7 @@ def _values(engine: Engine, buffer: cl.MemoryObjectHolder, count: int, dtype: ty
 
 def _download(engine: Engine, planes: Planes) -> np.ndarray:
     """(channels, H, W); only planes without a border come here."""
-    rows = planes.plane // planes.row
-    full = np.empty((planes.channels, rows, planes.row), np.float32)
+    values = np.empty(planes.channels * planes.plane, np.float32)
     offset = 4 * planes.first * planes.plane
-    cl.enqueue_copy(engine.queue, full, planes.buffer, src_offset=offset, is_blocking=True)
-    return full[:, planes.top : planes.top + planes.height, : planes.width]
+    cl.enqueue_copy(engine.queue, values, planes.buffer, src_offset=offset, is_blocking=True)
+    return planes.view(values)[:, planes.top : planes.top + planes.height, : planes.width]

@@ -15,6 +15,9 @@ from .errors import BudgetError, DeviceError, NoRoomError
 
 # The widest tile of any device: planes are allocated up to whole tiles, so that a kernel may store whole vectors.
 COLUMNS, ROWS, _SLACK = 64, 16, 16
+# Between planes: without it those of usual sizes lie whole pages apart, so that the same pixel of each wants the same
+# few places of a cache.
+_APART = 16
 
 
 def _round_up(n: int, to: int) -> int:
@@ -42,6 +45,12 @@ class Planes:
     def rows(self, top: int, height: int) -> Planes:
         """Some of the rows, in the same memory."""
         return replace(self, top=self.top + top, height=height)
+
+    def view(self, values: np.ndarray) -> np.ndarray:
+        """(channels, rows, columns) with all borders, a view of a copy of the memory from the first plane on."""
+        rows = self.plane // self.row
+        strides = tuple(4 * n for n in (self.plane, self.row, 1))
+        return np.lib.stride_tricks.as_strided(values, (self.channels, rows, self.row), strides)
 
     @property
     def arguments(self) -> tuple:
@@ -146,7 +155,7 @@ class Engine:
     def planes(self, channels: int, height: int, width: int, border: int = 0) -> Planes:
         """Uninitialised planes. Rows and columns are readable and writable up to the next whole tile."""
         row = _round_up(width, COLUMNS) + 2 * border + (_SLACK if border else 0)
-        plane = row * (_round_up(height, ROWS) + 2 * border)
+        plane = row * (_round_up(height, ROWS) + 2 * border) + _APART
         return Planes(self.memory(4 * channels * plane), channels, height, width, border, row, plane)
 
     def constant(self, values: Sequence[float] | np.ndarray) -> cl.Buffer:

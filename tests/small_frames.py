@@ -194,11 +194,11 @@ def filled(value: float) -> Iterator[None]:
 #: Fills what lies between an image and its next whole tile. A kernel, as oclgrind 21.10 does not see other ways to fill
 #: part of a buffer.
 MARGINS = """
-kernel void margins(global float *planes, int row, int rows, int height, int width)
+kernel void margins(global float *planes, int row, int plane, int height, int width)
 {
-    const int x = get_global_id(0), y = get_global_id(1);
-    if (x >= width || y % rows >= height)
-        planes[y * row + x] = NAN;
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        planes[c * plane + y * row + x] = NAN;
 }
 """
 
@@ -224,9 +224,8 @@ def fresh(queue: cl.CommandQueue) -> Iterator[None]:
     def with_margins(self: Engine, channels: int, height: int, width: int, border: int = 0) -> Planes:
         out = planes(self, channels, height, width, border)
         if not border:  # `pad` writes all of those that have one
-            rows = out.plane // out.row
-            numbers = (np.int32(number) for number in (out.row, rows, height, width))
-            margins(self.queue, (out.row, rows * channels), None, out.buffer, *numbers)
+            numbers = (np.int32(number) for number in (out.row, out.plane, height, width))
+            margins(self.queue, (out.row, out.plane // out.row, channels), None, out.buffer, *numbers)
         return out
 
     with mock.patch.multiple(Engine, memory=memory, zeros=zeros, planes=with_margins):

@@ -11,18 +11,18 @@ def to_planes(engine: Engine, image: np.ndarray, border: int = 0) -> Planes:
     stack = np.atleast_3d(np.asarray(image, np.float32)).transpose(2, 0, 1)
     channels, height, width = stack.shape
     planes = engine.planes(channels, height, width, border)
-    full = np.full((channels, planes.plane // planes.row, planes.row), np.nan, np.float32)
-    full[:, border : border + height, border : border + width] = stack
+    full = np.full(channels * planes.plane, np.nan, np.float32)
+    planes.view(full)[:, border : border + height, border : border + width] = stack
     cl.enqueue_copy(engine.queue, planes.buffer, full, is_blocking=True)
     return planes
 
 
 def to_array(engine: Engine, planes: Planes) -> np.ndarray:
     """Planes to (H, W, C), or (H, W) for one plane, in float64."""
-    full = np.empty((planes.channels, planes.plane // planes.row, planes.row), np.float32)
+    full = np.empty(planes.channels * planes.plane, np.float32)
     cl.enqueue_copy(engine.queue, full, planes.buffer, is_blocking=True)
     b = planes.border
-    image = full[:, b : b + planes.height, b : b + planes.width].transpose(1, 2, 0).astype(np.float64)
+    image = planes.view(full)[:, b : b + planes.height, b : b + planes.width].transpose(1, 2, 0).astype(np.float64)
     return image[..., 0] if planes.channels == 1 else image
 
 
