@@ -1,5 +1,5 @@
 /* exp and log for vectors on CPUs, whose runtimes take several times as long for the last bits; the runtime's own where
- * work-items are scalar. Minimax polynomials; relative errors below 3e-7, of exp(x) 6e-8 |x| more
+ * work-items are scalar. Minimax polynomials; relative errors below 3e-7, of exp(x) 8e-8 |x| more
  * (tests/test_fast_math.py). */
 #ifndef MCDENOISE_FAST_MATH_H
 #define MCDENOISE_FAST_MATH_H
