@@ -36,9 +36,9 @@ def test_exp(engine, tmp_path, width):
     values, found = apply(engine, tmp_path, "fast_exp", np.linspace(-86, 88, 200001), width)
     error = np.abs(found / np.exp(values) - 1)
     assert np.all(error < 3e-7 + 8e-8 * np.abs(values))
-    values, found = apply(engine, tmp_path, "fast_exp", np.linspace(-1, 0, 100001), width)
+    values, found = apply(engine, tmp_path, "fast_exp", np.linspace(0, -1, 100001), width)
     assert np.abs(found / np.exp(values) - 1).max() < 3e-7
-    assert found[values == 0] == 1
+    assert found[0] == 1
     values, found = apply(engine, tmp_path, "fast_exp", -np.logspace(2, 38, 64), width)
     assert np.all((found >= 0) & (found < 2e-38))
 
