@@ -31,7 +31,7 @@ def chart(times: Mapping[str, float], errors: Mapping[str, float], start: float 
     Example:
         >>> text = chart({"nlm": 0.1, "auto": 1.0}, {"nlm": 0.05, "auto": 0.01}, 0.8)
         >>> text.startswith("<svg"), text.count("<text")
-        (True, 11)
+        (True, 16)
     """
     points = {name: (1e3 * times[name], errors[name]) for name in times if name in errors and errors[name] > 0}
     points = {name: (x, y) for name, (x, y) in points.items() if x > 0 and math.isfinite(x) and math.isfinite(y)}
@@ -61,7 +61,7 @@ def chart(times: Mapping[str, float], errors: Mapping[str, float], start: float 
     middle = (TOP + HEIGHT - BOTTOM) / 2
     parts.append(f'<text transform="translate(14 {middle})rotate(-90)" text-anchor="middle">relMSE</text>')
     places = {name: (across(x), down(y)) for name, (x, y) in points.items()}
-    for number, (name, (x, y)) in enumerate(places.items()):
+    for number, (x, y) in enumerate(places.values()):
         shape = SHAPES[number % len(SHAPES)]
         parts.append(f'<g class="point" transform="translate({x:.1f} {y:.1f})">{shape}</g>')
     for name, (x, y, anchor) in _labels(places).items():

@@ -1,9 +1,9 @@
 """Planes of whole numbers as short text, for page/decode.js to read back: prediction, contexts and zlib.
 
 Every number is predicted from its neighbours above and to the left. What is left over goes into one of ten streams, by
-how much those neighbours differ among each other, so that flat and busy places do not share a Huffman table (the idea of
-CALIC: Wu and Memon, "Context-based, adaptive, lossless image coding", IEEE Transactions on Communications 45, 1997). A
-browser has a decoder for zlib; an image codec of a browser would give 8 bits a channel.
+how much those neighbours differ among each other, so that flat and busy places do not share a Huffman table (the idea
+of CALIC: Wu and Memon, "Context-based, adaptive, lossless image coding", IEEE Transactions on Communications 45, 1997).
+A browser has a decoder for zlib; an image codec of a browser would give 8 bits a channel.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def decode(data: bytes, height: int, width: int) -> np.ndarray:
     """What `encode` was given, (height, width) int32: slow and plain, the pattern for decode.js.
 
     Example:
-        >>> decode(encode(np.array([[7, -300, 70000]])), 1, 3).tolist()
-        [[7, -300, 70000]]
+        >>> decode(encode(np.array([[7, -300, 20000]])), 1, 3).tolist()
+        [[7, -300, 20000]]
     """
     body = zlib.decompress(data)
     kind, counts = body[0], np.frombuffer(body, "<u4", CONTEXTS, 1)
