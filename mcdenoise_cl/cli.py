@@ -205,8 +205,8 @@ def demo(folder: Path, device: str | None, **options: Any) -> None:
     """Render a scene, denoise it, look at it.
 
     Takes two minutes: the scene is rendered with few samples and, as a reference, with many; every method denoises the
-    first; a page for the browser, frames, pictures and a report with scores and times are left in a folder. The files of an earlier demo in
-    that folder are replaced, nothing else in it is touched.
+    first; a page for the browser, frames, pictures and a report with scores and times are left in a folder. The files
+    of an earlier demo in that folder are replaced, nothing else in it is touched.
     """
     from .demo import run_demo
 
