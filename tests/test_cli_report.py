@@ -89,18 +89,11 @@ def test_files_that_cannot_be_shown(noisy, tmp_path):
     target, text = tmp_path / "a.html", tmp_path / "text.exr"
     text.write_text("no picture")
     small = write_frame(tmp_path / "small.exr", size=(H - 1, W))
-    assert "is not an EXR file" in error("report", text, "-o", target, code=1).splitlines()[-1]
+    assert "is not an EXR file" in error("report", text, "-o", target, code=1)
     for arguments in ((noisy, small), (noisy, noisy, "--reference", small)):
-        said = error_line("report", *arguments, "-o", target)
+        said = error("report", *arguments, "-o", target, code=1)
         assert said == f"{small} is 32 x 23 pixels but {noisy} is 32 x 24: pass images of one size"
     assert not target.exists()
-
-
-def error_line(*arguments):
-    """The last line of what is said, after the names of stages."""
-    from test_cli import run
-
-    return run(*arguments, code=1).splitlines()[-1].removeprefix("mcdenoise: ")
 
 
 def test_force_replaces_and_not_finite_is_told(noisy, tmp_path, capsys):

@@ -69,13 +69,11 @@ def report_files(
     _check(target, sources, overwrite)
     progress = on_progress or (lambda stage, done, total: None)
     frames = {}
-    for number, path in enumerate(sources):
-        progress("reading", number, len(sources))
+    for path in sources:
         frames[path] = _read(path, layers, samples_per_pixel) if path == noisy else _read(path)
         if frames[path].shape != frames[noisy].shape:
             theirs, ours = (" x ".join(map(str, frames[p].shape[::-1])) for p in (path, noisy))
             raise FrameError(f"{path} is {theirs} pixels but {noisy} is {ours}: pass images of one size")
-    progress("reading", len(sources), len(sources))
 
     names = _names(clean)
     results = {name: Entry(frames[path].color) for name, path in names.items()}
