@@ -13,6 +13,7 @@ from . import __version__, methods
 from .choose import pick_device
 from .cli_denoise import denoise
 from .cli_options import COUNT, PATH, chosen_device, debug_option, device_option, force_option, json_option, usage
+from .cli_report import report
 from .console import (
     Progress,
     note_missing_metrics,
@@ -65,6 +66,7 @@ def mcdenoise(context: click.Context) -> None:
 
 
 mcdenoise.add_command(denoise)
+mcdenoise.add_command(report)
 
 
 @mcdenoise.command()
@@ -168,7 +170,8 @@ def compare(images: tuple[str, ...], reference: str, exposure: float | None, as_
     PSNR, MSE, SSIM and FLIP look at the tonemapped pictures, relMSE at the linear values.
     In JSON null stands for a metric that is not available, and for the infinite PSNR of equal images.
     """
-    from . import exr, metrics, report
+    from . import exr, metrics
+    from .report import scores_table
 
     def read(path: str) -> Frame:
         with hushed():
@@ -183,7 +186,7 @@ def compare(images: tuple[str, ...], reference: str, exposure: float | None, as_
     if as_json:
         print_scores(scores)
     else:
-        click.echo(report.scores_table(scores))
+        click.echo(scores_table(scores))
     note_missing_metrics()
 
 
@@ -202,8 +205,8 @@ def demo(folder: Path, device: str | None, **options: Any) -> None:
     """Render a scene, denoise it, look at it.
 
     Takes two minutes: the scene is rendered with few samples and, as a reference, with many; every method denoises the
-    first; frames, pictures and a report with scores and times are left in a folder. The files of an earlier demo in
-    that folder are replaced, nothing else in it is touched.
+    first; a page for the browser, frames, pictures and a report with scores and times are left in a folder. The files
+    of an earlier demo in that folder are replaced, nothing else in it is touched.
     """
     from .demo import run_demo
 
@@ -212,4 +215,4 @@ def demo(folder: Path, device: str | None, **options: Any) -> None:
         result = run_demo(folder, **options, device=chosen, on_progress=progress.show)
     click.echo(result.table)
     note_missing_metrics()
-    say(f"Denoised on {result.device}. Look at the pictures in {result.report}.")
+    say(f"Denoised on {result.device}. Open {result.page} in a browser; pictures are in {result.report}.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ from .exr import write_exr
 from .frame import Frame
 from .maps import map_sheet
 from .metrics import Scores, compare, frame_exposure
+from .page import Entry, write_page
+from .page.run import timed
 from .pictures import Crop, feature_sheet, find_crops, normal_picture, pillow, side_by_side, to_png, write_png
 from .render import pick_variant, render
 from .report import scores_table, write_report
@@ -47,12 +48,14 @@ class Demo:
     """What `run_demo` returns.
 
     Attributes:
+        page: path of report.html, which is opened in a browser.
         report: path of report.md, everything else is beside it.
         table: the scores, as in the report.
         device: what the methods ran on.
         scores: label -> scores.
     """
 
+    page: Path
     report: Path
     table: str
     device: str
@@ -70,7 +73,7 @@ def run_demo(
     device: Any = None,
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> Demo:
-    """Render, denoise, and write frames (EXR), pictures (PNG) and `report.md` into a folder.
+    """Render, denoise, and write frames (EXR), pictures (PNG), `report.html` and `report.md` into a folder.
 
     Args:
         folder: made where it is missing; the files of an earlier demo are replaced, others are left alone.
@@ -103,14 +106,14 @@ def run_demo(
     reference_spp = reference_spp or _affordable(done)
     reference, _ = _rendered(scene, reference_spp, 1, size, progress)
 
-    images, times = {NOISY: noisy.color}, {}
+    images, times, found = {NOISY: noisy.color}, {}, {}
     for number, (name, (label, method, parameters)) in enumerate(METHODS.items()):
         progress("denoising", number, len(METHODS))
         denoiser = Denoiser(*noisy.shape, method=method, device=device, **parameters)
-        images[name], times[label] = _timed(denoiser, noisy)
+        images[name], times[label] = timed(denoiser, noisy)
+        found[label] = Denoised(images[name], denoiser.model_map, denoiser.error_map, denoiser.report)
     progress("denoising", len(METHODS), len(METHODS))
     report = denoiser.report
-    found = Denoised(images["auto"], denoiser.model_map, denoiser.error_map, report)
     labels = {NOISY: f"input, {spp} spp"} | {name: label for name, (label, _, _) in METHODS.items()}
     scores = {labels[name]: compare(image, reference) for name, image in images.items()}
 
@@ -122,11 +125,15 @@ def run_demo(
     pictures = {
         "Side by side": _side_by_side(noisy, images, exposure, crops, labels, scores),
         "Features": feature_sheet(noisy),
-        "What auto did": map_sheet(found),
+        "What auto did": map_sheet(found["auto"]),
     }
     # Written first: by this report the next demo knows the folder as one it may use.
     about = ABOUT.format(scene=scene, spp=spp, reference_spp=reference_spp)
     path = write_report(folder, scores, times=times, pictures=pictures, device=report.device, title=TITLE, text=about)
+    entries = {label: Entry(result.image, times[label], result, scores[label]) for label, result in found.items()}
+    page = folder / "report.html"
+    facts = {"scene": scene, "reference": f"{reference_spp} other samples per pixel"}
+    write_page(page, noisy, entries, reference=reference, title=TITLE, about=facts, scores=scores[labels[NOISY]])
     write_exr(folder / f"{NOISY}.exr", noisy)
     write_exr(folder / f"{REFERENCE}.exr", reference)
     for name, image in images.items():
@@ -134,7 +141,7 @@ def run_demo(
         if name in METHODS:
             write_exr(folder / f"{name}.exr", image, template=folder / f"{NOISY}.exr")
     progress("writing", 1, 1)
-    return Demo(path, scores_table(scores, times), report.device, scores)
+    return Demo(page, path, scores_table(scores, times), report.device, scores)
 
 
 def _check_folder(folder: Path) -> None:
@@ -144,7 +151,11 @@ def _check_folder(folder: Path) -> None:
             return
     except (OSError, UnicodeDecodeError):
         pass  # then it is not ours
-    names = ["report.md", *(f"{name}.{end}" for name in (NOISY, REFERENCE, *METHODS) for end in ("exr", "png"))]
+    names = [
+        "report.md",
+        "report.html",
+        *(f"{name}.{end}" for name in (NOISY, REFERENCE, *METHODS) for end in ("exr", "png")),
+    ]
     taken = next((name for name in names if (folder / name).exists()), None)
     if taken is not None:
         raise McdenoiseError(f"{folder} holds a {taken} that is not from a demo: choose another folder with --out")
@@ -174,17 +185,6 @@ def _affordable(done: list[tuple[float, int]]) -> int:
     seconds = (last - first) / (all_of_them - few)
     once = first - start - few * seconds  # loading the scene and compiling for it
     return 2 * int(np.clip((REFERENCE_SECONDS - once) / seconds, 16, 2048) / 2)
-
-
-def _timed(denoiser: Denoiser, frame: Frame) -> tuple[np.ndarray, float]:
-    """The image, and the median seconds of three runs after one that builds the kernels."""
-    image = denoiser(frame)
-    seconds = []
-    for _ in range(3):
-        start = time.perf_counter()
-        denoiser(frame, out=image)
-        seconds.append(time.perf_counter() - start)
-    return image, statistics.median(seconds)
 
 
 def _crops(noisy: np.ndarray, smooth: np.ndarray, exposure: float) -> list[Crop]:

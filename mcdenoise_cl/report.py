@@ -35,12 +35,12 @@ def scores_table(rows: Mapping[str, Scores], times: Mapping[str, float] | None =
         if name not in rows:
             raise ParameterError(f"times has {name!r} but rows has not: name the times after the rows")
     cells = [["image", *(_escaped(name) for name in rows)]]
-    for title, attribute, form, best in _COLUMNS:
+    for title, attribute, form, best in COLUMNS:
         values = [getattr(score, attribute) for score in rows.values()]
-        cells.append([title, *_formatted(values, form, best)])
+        cells.append([title, *formatted(values, form, best)])
     if times:
         values = [1000 * times[name] if name in times else None for name in rows]
-        cells.append(["time, ms", *_formatted(values, "{:.1f}", min)])
+        cells.append(["time, ms", *formatted(values, "{:.1f}", min)])
     widths = [max(4, *(len(text) for text in column)) for column in cells]
     lines = []
     for row in zip(*cells, strict=True):
@@ -83,7 +83,8 @@ def write_report(
     return path
 
 
-_COLUMNS = (
+#: Title, attribute of `Scores`, format and what is best, of each column.
+COLUMNS = (
     ("PSNR, dB", "psnr", "{:.2f}", max),
     ("MSE", "mse", "{:#.3g}", min),
     ("relMSE", "relmse", "{:#.3g}", min),
@@ -93,11 +94,18 @@ _COLUMNS = (
 )
 
 
-def _formatted(values: list[float | None], form: str, best: Any) -> list[str]:
-    """Texts of one column. What reads the same as the best is bold too: a reader cannot tell them apart."""
+def formatted(values: list[float | None], form: str, best: Any) -> list[str]:
+    """Texts of one column, the best in bold, or none where `best` is None.
+
+    What reads the same as the best is bold too: a reader cannot tell them apart.
+
+    Example:
+        >>> formatted([0.1, None, 0.301, 0.299], "{:.1f}", max)
+        ['0.1', '-', '**0.3**', '**0.3**']
+    """
     texts = ["-" if value is None else form.format(value).rstrip(".") for value in values]
     known = [value for value in values if value is not None and not math.isnan(value)]
-    winner = form.format(best(known)).rstrip(".") if len(known) > 1 else None
+    winner = form.format(best(known)).rstrip(".") if best and len(known) > 1 else None
     return [f"**{text}**" if text == winner else text for text in texts]
 
 

@@ -90,7 +90,7 @@ def test_help_and_version():
     assert whole == run() == run("--help")
     assert "0 done, 1 failed, 2 wrong usage" in whole
     listed = whole[whole.index("Commands:") :]
-    for command in ("compare", "demo", "denoise", "devices", "methods", "render"):
+    for command in ("compare", "demo", "denoise", "devices", "methods", "render", "report"):
         assert re.search(rf"^  {command}  .*\.$", listed, re.MULTILINE), f"{command} has no line of its own"
         assert f"Usage: mcdenoise {command}" in run(command, "-h")
 
@@ -416,6 +416,8 @@ def test_demo(tmp_path):
         "input, 4 spp", "NLM", "SSIM-NLM as printed", "SSIM-NLM", "guided", "auto"
     ]  # fmt: skip
     assert "time, ms" in table
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "<title>mcdenoise demo</title>" in page and ">SSIM-NLM as printed<" in page and "model map of auto" in page
     text = (out / "report.md").read_text(encoding="utf-8")
     assert text.startswith("# mcdenoise demo\n") and table in text + "\n"
     frames = ["auto.exr", "guided.exr", "nlm.exr", "noisy.exr", "reference.exr", "ssim-nlm-printed.exr", "ssim-nlm.exr"]
