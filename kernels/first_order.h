@@ -55,12 +55,12 @@ INLINE void add_ridges(fits *m, int terms, const fits *least, float ridge
                 EACH row.of[i] += direction[b - COMPONENT][q] * m[LOWER(a, b)].of[i];
             EACH moment.of[i] += direction[a - COMPONENT][q] * row.of[i];
         }
-        EACH damping[q].of[i] = 2.f * ridge * fmax(moment.of[i], (vec)(0.f)) + m[0].of[i] * noise[q].of[i];
+        EACH damping[q].of[i] = 2.f * ridge * larger(moment.of[i], (vec)(0.f)) + m[0].of[i] * noise[q].of[i];
     }
 #endif
     for (int a = 1; a < terms; a++) {
         const float factor = a < COMPONENT ? 1.f + ridge : 1.f;
-        EACH m[LOWER(a, a)].of[i] = fmax(m[LOWER(a, a)].of[i], (vec)(0.f)) * factor + least[a].of[i];
+        EACH m[LOWER(a, a)].of[i] = larger(m[LOWER(a, a)].of[i], (vec)(0.f)) * factor + least[a].of[i];
     }
 #if FEATURES > 0
     for (int q = 0; q < FEATURES; q++)
@@ -81,8 +81,8 @@ INLINE void store_fit(const vec result[COLORS], const float base[COLORS], global
                       global float *out, int out_plane)
 {
     for (int k = 0; k < COLORS; k++) {
-        const vec value = base[k] + result[k], least = fmin(LOAD(color + k * color_plane), (vec)(0.f));
-        STORE(k < 3 ? fmax(value, least) : value, out + k * out_plane);
+        const vec value = base[k] + result[k], least = smaller(LOAD(color + k * color_plane), (vec)(0.f));
+        STORE(k < 3 ? larger(value, least) : value, out + k * out_plane);
     }
 }
 #define STORE_FIT(result, base, y, x, out) \

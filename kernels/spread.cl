@@ -67,7 +67,7 @@ kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(b
         const float4 here = mix(blocks[1 - before], blocks[2 - before], across);
         const float mean = (here.x + here.y + here.z) / 3.f;
         /* at most half as much again, whatever a fit has left of the surroundings */
-        const float gain = 1.f + 0.5f * mean / fmax(fmax(here.w, mean), 1e-9f);
+        const float gain = 1.f + 0.5f * mean / larger(larger(here.w, mean), 1e-9f);
         AT(out, 0, y, x) = (AT(image, 0, y, x) + 0.5f * here.x) * gain;
         AT(out, 1, y, x) = (AT(image, 1, y, x) + 0.5f * here.y) * gain;
         AT(out, 2, y, x) = (AT(image, 2, y, x) + 0.5f * here.z) * gain;
