@@ -6,6 +6,9 @@ Prints a table a topic. `input` is the relMSE of the input, over the judged pixe
 figures are the relMSE of the result, over all judged pixels, divided by it: below 1 is better than the input. Where the
 input has no error, and everywhere with --absolute, the result's own is printed, in brackets. "non-finite": a value came
 out that is no number. The last column is what the report of `auto` says was replaced, or taken from outliers.
+
+For effects that features do not show, a second table has the part of the contrast between neighbours that is left on
+the judged pixels: 1 for the truth, and for noise about it.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ import numpy as np
 import peers
 from paper import ROWS
 from stability_case import Case
+from stability_scenes import contrast_kept
 
 from mcdenoise_cl import Denoiser, Frame, McdenoiseError
 from mcdenoise_cl.details import Report
@@ -46,7 +50,7 @@ NO_ERROR = 1e-12
 
 @dataclass
 class Outcome:
-    """What came of one case: relMSE of the input, and relMSE or what else happened for each denoiser."""
+    """What came of one case: relMSE of the input, relMSE or what else happened for each denoiser, contrast kept."""
 
     topic: str
     name: str
@@ -54,6 +58,7 @@ class Outcome:
     outcome: str
     input: float | None = None
     results: dict[str, float | str] = field(default_factory=dict)
+    contrast: dict[str, float] = field(default_factory=dict)
     replaced: dict[str, int] = field(default_factory=dict)
     energy_removed: float = 0.0
 
@@ -123,6 +128,10 @@ def measure(case: Case) -> tuple[Outcome, dict[str, np.ndarray], float]:
     for name, choices in PEERS.items():
         if available.issuperset(choices):
             attempt(name, lambda choices=choices: peer_result(choices, frame, exposure))
+    if case.reference is not None:
+        reference = case.reference()
+        shown = {name: image for name, image in images.items() if name == "input" or name in outcome.results}
+        outcome.contrast = {name: contrast_kept(image, reference, mask) for name, image in shown.items()}
     return outcome, images, exposure
 
 
@@ -152,6 +161,14 @@ def print_table(topic: str, outcomes: list[Outcome], absolute: bool) -> None:
         before = "" if outcome.input is None else f"{outcome.input:.2g}"
         cells = [cell(outcome.results[name], outcome.input, absolute) for name in names]
         print(f"| {outcome.name} | {outcome.tried} | {before} | " + " | ".join([*cells, report_cell(outcome)]) + " |")
+
+    if not any(outcome.contrast for outcome in outcomes):
+        return
+    print("\nContrast kept:\n\n| case | input | " + " | ".join(names) + " |\n|:---|---:|" + "---:|" * len(names))
+    for outcome in outcomes:
+        if outcome.contrast:
+            cells = [f"{outcome.contrast[name]:.2f}" if name in outcome.contrast else "" for name in ("input", *names)]
+            print(f"| {outcome.name} | " + " | ".join(cells) + " |")
 
 
 def write_picture(folder: Path, name: str, images: dict[str, np.ndarray], exposure: float) -> None:

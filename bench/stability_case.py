@@ -21,6 +21,8 @@ class Case:
         outcome: one sentence, what must come out.
         make: () -> (frame, truth, mask): truth (H, W, 3) or None where there is none; mask (H, W) bool, the pixels
             that are judged, or None for all.
+        reference: () -> the truth with half buffers, where it is asked how much of the contrast on the judged pixels is
+            kept; None where it is not.
     """
 
     topic: str
@@ -28,3 +30,4 @@ class Case:
     tried: str
     outcome: str
     make: Callable[[], tuple[Frame, np.ndarray | None, np.ndarray | None]]
+    reference: Callable[[], Frame] | None = None

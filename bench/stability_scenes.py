@@ -134,13 +134,21 @@ def sun(x, y, t, rng):
 # Cases
 
 
+def rendered_truth(name: str) -> Frame:
+    return rendering(name, REFERENCE_SPP, seed=2)
+
+
+def sampled_truth(shade: Callable) -> Frame:
+    return sampling(shade, REFERENCE_SPP, seed=2)
+
+
 def rendered_case(name: str, judged: Callable[[Frame], np.ndarray]) -> Made:
-    reference = rendering(name, REFERENCE_SPP, seed=2)
+    reference = rendered_truth(name)
     return rendering(name, SPP, seed=1), reference.color, judged(reference)
 
 
 def sampled_case(shade: Callable, judged: Callable[[Frame], np.ndarray]) -> Made:
-    reference = sampling(shade, REFERENCE_SPP, seed=2)
+    reference = sampled_truth(shade)
     return sampling(shade, SPP, seed=1), reference.color, judged(reference)
 
 
@@ -170,6 +178,7 @@ CASES: tuple[Case, ...] = (
         "a wide lens, at 4 spp: features are mixtures",
         KEPT,
         partial(rendered_case, "defocus", mixed_features),
+        partial(rendered_truth, "defocus"),
     ),
     Case(
         TOPIC,
@@ -177,6 +186,7 @@ CASES: tuple[Case, ...] = (
         "a card that moves by 24 pixels, at 4 spp",
         KEPT,
         partial(sampled_case, moving_card, mixed_features),
+        partial(sampled_truth, moving_card),
     ),
     Case(
         TOPIC,
@@ -184,6 +194,7 @@ CASES: tuple[Case, ...] = (
         "what a mirror and a glass ball show is in no feature",
         KEPT,
         partial(rendered_case, "mirror and glass", mirrored_edges),
+        partial(rendered_truth, "mirror and glass"),
     ),
     Case(
         TOPIC,
@@ -191,14 +202,23 @@ CASES: tuple[Case, ...] = (
         "holes of an opacity texture, which the features do not have",
         KEPT,
         partial(rendered_case, "alpha", color_edges),
+        partial(rendered_truth, "alpha"),
     ),
-    Case(TOPIC, "foliage", "blades one pixel wide", KEPT, partial(sampled_case, foliage, mixed_features)),
+    Case(
+        TOPIC,
+        "foliage",
+        "blades one pixel wide",
+        KEPT,
+        partial(sampled_case, foliage, mixed_features),
+        partial(sampled_truth, foliage),
+    ),
     Case(
         TOPIC,
         "shadow",
         "the sharp shadow of a sun on a plane without texture",
         KEPT,
         partial(rendered_case, "shadow", color_edges),
+        partial(rendered_truth, "shadow"),
     ),
     Case(
         TOPIC,
@@ -206,6 +226,7 @@ CASES: tuple[Case, ...] = (
         "light that a glass ball focuses on a plane without texture",
         KEPT,
         partial(rendered_case, "caustic", color_edges),
+        partial(rendered_truth, "caustic"),
     ),
     Case(
         TOPIC,

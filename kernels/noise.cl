@@ -5,6 +5,9 @@
  */
 #include "common.h"
 
+/* What counts of a pixel's response at most: sums over any frame stay finite, of light that does not as well. */
+#define MOST_RESPONSE 1e30f
+
 /* Rows from `first` on, which are rows from `to` on of a frame of `rows`; one work-item each. */
 kernel void laplacian_rows(CONST_PLANES(in), int height, int width, int first, int to, int rows,
                            global float *restrict row_sum)
@@ -28,7 +31,7 @@ kernel void laplacian_rows(CONST_PLANES(in), int height, int width, int first, i
             }
             sides += (VECTOR_AT(in, c, up, x) - centre) + (VECTOR_AT(in, c, down, x) - centre);
             float lane[WIDTH];
-            STORE(fabs(corners - 2.f * sides), lane);
+            STORE(fmin(fabs(corners - 2.f * sides), (vec)(MOST_RESPONSE)), lane);
             term = 0.f;
             for (int i = 0; i < WIDTH; i++)
                 term += lane[i];
@@ -39,7 +42,7 @@ kernel void laplacian_rows(CONST_PLANES(in), int height, int width, int first, i
                                   (AT(in, c, down, left) - centre) + (AT(in, c, down, right) - centre);
             const float sides = (AT(in, c, up, x) - centre) + (AT(in, c, down, x) - centre) +
                                 (AT(in, c, y, left) - centre) + (AT(in, c, y, right) - centre);
-            term = fabs(corners - 2.f * sides);
+            term = fmin(fabs(corners - 2.f * sides), MOST_RESPONSE);
         }
         const float next = sum + (term - lost);
         lost = (next - sum) - (term - lost);
@@ -52,7 +55,7 @@ kernel void laplacian_rows(CONST_PLANES(in), int height, int width, int first, i
 kernel void noise_from_rows(global const float *restrict row_sum, int channels, int height, int width,
                             global float *restrict level)
 {
-    float squares = 0.f;
+    float squares = 0.f, largest = 0.f; /* squares relative to the largest, which alone might be infinite */
     for (int c = 0; c < channels; c++) {
         float sum = 0.f, lost = 0.f;
         for (int y = 0; y < height; y++) {
@@ -62,7 +65,12 @@ kernel void noise_from_rows(global const float *restrict row_sum, int channels, 
             sum = next;
         }
         const float sigma = 0.20888568955f * sum / ((float)height * width); /* sqrt(pi / 2) / 6 */
-        squares += sigma * sigma;
+        const float before = largest;
+        largest = fmax(largest, sigma);
+        if (largest > 0.f) {
+            const float shrunk = before / largest, own = sigma / largest;
+            squares = squares * shrunk * shrunk + own * own;
+        }
     }
-    level[0] = sqrt(squares / channels);
+    level[0] = largest * sqrt(squares / channels);
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import os
 import secrets
 from collections.abc import Mapping, Sequence
 from importlib import import_module
@@ -284,7 +285,8 @@ def _arranged(parts: Sequence[np.ndarray], columns: int, gap: int, row_gap: int 
 
 def replace_file(path: Path, data: bytes) -> None:
     """Write a file by way of another in its folder, so that a reader meets the old one or the new one, whole."""
-    if not path.parent.is_dir():
+    is_dir = os.path.isdir  # a Path's raises for a name that is too long, or a folder that may not be seen
+    if not is_dir(path.parent):
         raise McdenoiseError(f"{path} cannot be written because its folder does not exist: make {path.parent} first")
     # Opened plainly, since tempfile would make it readable for its owner only.
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
@@ -298,6 +300,21 @@ def replace_file(path: Path, data: bytes) -> None:
     finally:
         with contextlib.suppress(OSError):
             part.unlink()
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, with those above it; one that is there is left as it is.
+
+    Raises:
+        McdenoiseError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero in it
+        reason = getattr(error, "strerror", None) or error
+        raise McdenoiseError(
+            f"folder {folder} cannot be made ({reason}): choose another, or check permissions and free space"
+        ) from error
 
 
 def pillow(module: str) -> Any:

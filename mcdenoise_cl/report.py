@@ -10,7 +10,7 @@ from typing import Any
 
 from .errors import ParameterError
 from .metrics import Scores
-from .pictures import replace_file, write_png
+from .pictures import make_folder, replace_file, write_png
 
 
 def scores_table(rows: Mapping[str, Scores], times: Mapping[str, float] | None = None) -> str:
@@ -68,9 +68,12 @@ def write_report(
         pictures: caption -> picture, as `side_by_side` and `feature_sheet` return them.
         device: what the denoiser ran on.
         text: Markdown to stand above the table.
+
+    Raises:
+        McdenoiseError: the folder cannot be made, or a file in it cannot be written.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     blocks = [f"# {_escaped(title)}", *([f"Device: {_escaped(device)}"] if device else []), *([text] if text else [])]
     blocks.append(scores_table(scores, times))
     for number, (caption, picture) in enumerate((pictures or {}).items(), start=1):

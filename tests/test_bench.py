@@ -235,6 +235,20 @@ def test_cells_of_the_stability_table():
     assert cell("error: " + 50 * "x", 0.1).endswith("…")
 
 
+def test_the_stability_table_says_how_much_contrast_is_kept(capsys):
+    stability = bench("stability")
+    results, contrast = {"auto": 0.1, "OIDN": "error: none"}, {"input": 0.998, "auto": 0.814}
+    outcomes = [
+        stability.Outcome("topic", "shadow", "it", "must", 0.2, results, contrast),
+        stability.Outcome("topic", "sun", "it", "must", 0.2, results),
+    ]
+    stability.print_table("topic", outcomes, absolute=True)
+    printed = capsys.readouterr().out
+    assert "| shadow | 1.00 | 0.81 |  |" in printed and printed.count("| sun |") == 1
+    stability.print_table("topic", outcomes[1:], absolute=True)
+    assert "ontrast" not in capsys.readouterr().out
+
+
 def test_errors_of_the_stability_table():
     """Bad pixels are left out of the input's error; in a result they are what is said."""
     stability = bench("stability")

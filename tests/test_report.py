@@ -1,12 +1,15 @@
+import errno
 import math
+import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from mcdenoise_cl import report
-from mcdenoise_cl.errors import ParameterError
+from mcdenoise_cl.errors import McdenoiseError, ParameterError
 from mcdenoise_cl.metrics import Scores
 from mcdenoise_cl.pictures import side_by_side
 
@@ -75,3 +78,27 @@ def test_write_report(tmp_path):
 def test_write_report_of_numbers_alone(tmp_path):
     text = report.write_report(tmp_path, ROWS, title="Two\nlines", text="*So* it is.").read_text(encoding="utf-8")
     assert text == f"# Two lines\n\n*So* it is.\n\n{report.scores_table(ROWS)}\n"
+
+
+@pytest.mark.parametrize("code", [errno.EACCES, errno.ENOSPC])
+@pytest.mark.parametrize("call", ["mkdir", "write_bytes", "replace"])
+def test_a_folder_that_takes_nothing(tmp_path, monkeypatch, call, code):
+    """No permission, or a full disk: one sentence, and of the files none in part."""
+
+    def fails(self, *arguments, **options):
+        raise OSError(code, os.strerror(code), str(self))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, call, fails)
+        with pytest.raises(McdenoiseError, match=os.strerror(code)) as caught:
+            report.write_report(tmp_path / "new", ROWS, pictures={"one": np.zeros((4, 4, 3))})
+    assert "\n" not in str(caught.value)
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("name", ["file/below", "x" * 300, "a\0b"])
+def test_a_folder_that_cannot_be(tmp_path, name):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(McdenoiseError, match="cannot be made"):
+        report.write_report(tmp_path / name, ROWS)
+    assert (tmp_path / "file").read_text() == "mine" and len(list(tmp_path.iterdir())) == 1

@@ -116,6 +116,17 @@ def test_noise_level(engine, image):
     assert measured == pytest.approx(oracle.noise_level(image), rel=1e-5, abs=1e-6)
 
 
+@pytest.mark.parametrize("bright", [1e19, 1e25, 1e30, 3e38, np.inf])
+def test_noise_level_is_finite_whatever_the_light(engine, bright):
+    """Its squares are not; of a response above 1e30 that much counts."""
+    image = inputs.planes("uniform", 31, 64, 3)
+    image[10, 20, 1] = bright
+    measured = scalars(engine, noise.noise_level(engine, to_planes(engine, image)))[0]
+    assert np.isfinite(measured)
+    if bright < 1e30:
+        assert measured == pytest.approx(oracle.noise_level(image), rel=1e-5)
+
+
 @pytest.mark.parametrize("image", CASES)
 @pytest.mark.parametrize("radius", [0, 1, 4, 50])
 def test_box_mean(engine, image, radius):
