@@ -119,7 +119,8 @@ def denoise(
     batch.prepare(jobs, os.path.dirname(output) if alone else output)  # noqa: PTH120
     if not chosen["pairs"]:
         note_pairs(selection.count_pairs(jobs))
-    with quiet_libraries(), Teller(f"denoising into {output}", jobs, recipe, as_json) as teller:
+    teller = Teller(f"denoising into {output}", jobs, recipe, as_json)
+    with quiet_libraries(), teller:
         run_jobs(jobs, recipe, devices, overwrite=force, on_progress=teller.show)
     return 0 if tell_outcomes(teller.outcomes, context.obj["debug"]) else 1
 
