@@ -20,6 +20,7 @@ import argparse
 import contextlib
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -56,7 +57,8 @@ class Folder:
         """Exit code and the line that sums up."""
         process = self.start(out, *given)
         said = process.communicate()[1].splitlines()
-        return process.returncode, next((line for line in said if "denoised" in line), said[-1] if said else "")
+        line = next((line for line in said if "denoised" in line), said[-1] if said else "")
+        return process.returncode, re.sub(r" with \S+ on [^;]*", "", line)
 
     def wrong(self, out: Path, but: set[str] = frozenset()) -> list[str]:
         """What is not as it should be in the folder of the results."""
@@ -90,7 +92,8 @@ def killed(folder: Folder, work: Path, how: int = signal.SIGKILL, times: int = K
         for path in files:  # also before it is run again, what is there is right
             if not np.array_equal(read_exr(path).color, folder.expected[path.name]):
                 wrong.append(f"{path.name} has other bits after a kill")
-        if how == signal.SIGINT and process.returncode not in (0, 130):
+        # The signal itself: it came when the command had ended and Python was still clearing up.
+        if how == signal.SIGINT and process.returncode not in (0, 130, -how):
             wrong.append(f"exit {process.returncode} after Ctrl-C")
         if how == signal.SIGINT and any(out.glob(".*")):
             wrong.append("an unfinished file is left after Ctrl-C")
