@@ -16,6 +16,9 @@ from .errors import BudgetError, DeviceError, NoRoomError
 # The widest tile of any device: planes are allocated up to whole tiles, so that a kernel may store whole vectors.
 COLUMNS, ROWS, _SLACK = 64, 16, 16
 
+#: The largest float32.
+LARGEST = float(np.finfo(np.float32).max)
+
 
 def _round_up(n: int, to: int) -> int:
     return -(-n // to) * to

@@ -1,0 +1,74 @@
+"""Further layers of a frame, filtered with what was decided for its colour; see also.cl.
+
+Layers are one set of planes, three to a layer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from ..engine import Engine, Planes
+from .pad import stack
+
+
+def each_layer(layers: Planes | None) -> Iterator[Planes]:
+    """One layer after the other, three planes each."""
+    for first in range(0, layers.channels if layers else 0, 3):
+        yield layers.part(first, 3)
+
+
+def hold_back_also(engine: Engine, layers: Planes, factor: Planes) -> Planes:
+    """Scale layers as `scale_outliers` did their colour, in place: what was removed."""
+    removed = engine.planes(layers.channels, layers.height, layers.width)
+    _launch(engine, "hold_back_also", layers.channels, layers, layers, factor, layers.height, layers.width, removed)
+    return removed
+
+
+def blend_also(engine: Engine, layers: Planes, candidate: Planes, share: Planes) -> None:
+    """Mix a candidate's layers in, in place, with the share that `mix_in` found for it."""
+    _launch(engine, "blend_also", layers.channels, layers, layers, candidate, share, layers.height, layers.width)
+
+
+def bound_also(engine: Engine, fit: Planes, color: Planes, layers: Planes, before: Planes) -> None:
+    """Let a fit of three colours go no lower than light can, in place, and the layers' fit with it.
+
+    Args:
+        fit, layers: what `color` and the layers `before` were fitted by, without a bound.
+    """
+    height, width = fit.height, fit.width
+    _launch(engine, "bound_also", 3, fit, fit, color, layers, before, layers.channels, height, width)
+
+
+def settle_also(engine: Engine, layers: Planes, color: Planes) -> None:
+    """Make layers sum to the colour, in place, where they do but for rounding."""
+    _launch(engine, "settle_also", 3, layers, layers, color, layers.channels, layers.height, layers.width)
+
+
+def fit_also(
+    engine: Engine, fit: Callable[..., tuple[Planes, ...]], color: Planes, layers: Planes | None
+) -> list[tuple[Planes, Planes | None]]:
+    """Fits of a colour, and the same fits of its layers.
+
+    Args:
+        fit: `first_order_regression`, ready but for the last argument, what is fitted, and the options `bounded` and
+            `out`. It is asked for as many planes at a time as the colour has: of one program.
+        color: three planes, or four.
+        layers: None for none.
+    """
+    if layers is None:
+        return [(each, None) for each in fit(color)]
+    fits, count, most = fit(color, bounded=False), layers.channels, color.channels
+    wide = layers if count >= most else stack(engine, [layers, layers.part(0, most - count)], 0)
+    found = [engine.planes(wide.channels, color.height, color.width) for _ in fits]
+    for start in range(0, count, most):
+        first = min(start, wide.channels - most)
+        fit(wide.part(first, most), bounded=False, out=tuple(planes.part(first, most) for planes in found))
+    found = [planes.part(0, count) for planes in found]
+    for each, others in zip(fits, found, strict=True):
+        bound_also(engine, each, color, others, layers)
+    return list(zip(fits, found, strict=True))
+
+
+def _launch(engine: Engine, name: str, channels: int, like: Planes, *arguments) -> None:
+    size = engine.vectors(like.width), like.height, channels
+    engine.launch("also", engine.kernel("also.cl", name), size, *arguments)
