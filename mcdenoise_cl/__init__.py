@@ -1,13 +1,13 @@
 """Denoise Monte Carlo renderings on any OpenCL device."""
 
+__version__ = "0.1.0"
+
 from .api import Denoiser, denoise
 from .details import Denoised, Report
 from .errors import DeviceError, ExrError, FrameError, McdenoiseError, ParameterError, RenderError
 from .exr import read_exr, write_exr
 from .frame import Frame
 from .methods import methods
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Denoised",
