@@ -48,11 +48,37 @@ kernel void blend_also(PLANES(layers), CONST_PLANES(candidate), CONST_PLANES(sha
 /* What rounding, of half floats too, leaves between a colour and the sum of its layers, in units of what is summed. */
 #define ROUNDING (1.f / 512.f)
 
-/* In place: where all layers together are the colour but for rounding, they take the difference, each by its size. */
-kernel void settle_also(PLANES(layers), CONST_PLANES(color), int count, int height, int width)
+/* Counts the pixels in which all layers together are the colour; a work-item a row. */
+kernel void count_sums(CONST_PLANES(layers), CONST_PLANES(color), int count, int height, int width,
+                       volatile global int *restrict counted)
+{
+    const int y = get_global_id(0);
+    if (y >= height)
+        return;
+    int found = 0;
+    for (int x = 0; x < width; x++) {
+        bool whole = true;
+        for (int c = 0; c < 3; c++) {
+            float rest = AT(color, c, y, x), size = fabs(rest);
+            for (int i = c; i < count; i += 3) {
+                const float layer = AT(layers, i, y, x);
+                rest -= layer;
+                size += fabs(layer);
+            }
+            whole = whole && fabs(rest) <= ROUNDING * size;
+        }
+        found += whole;
+    }
+    atomic_add(counted, found);
+}
+
+/* In place: of layers that together are the colour in `enough` pixels, which were counted, each takes its part of what
+ * rounding has left, by its size. */
+kernel void settle_also(PLANES(layers), CONST_PLANES(color), int count, int height, int width,
+                        global const int *restrict counted, int enough)
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
-    if (x >= width || y >= height)
+    if (x >= width || y >= height || counted[0] < enough)
         return;
     vec sum = (vec)(0.f), size = (vec)(0.f);
     for (int i = c; i < count; i += 3) {

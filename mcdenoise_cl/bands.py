@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +14,7 @@ from .engine import Engine, Planes
 from .methods import Method
 from .methods.facts import Facts
 from .methods.result import Result
-from .stages.also import each_layer, settle_also
+from .stages.also import Sums, count_sums, each_layer, settle_also
 from .stages.door import Strided, door
 from .stages.exit import leave
 from .stages.outliers import SCALE, Light
@@ -81,10 +81,15 @@ def filter_frame(
     targets = [target, *also]
     if source.most >= source.height:
         everything = Rows(0, source.height, 0, source.height)
-        result = method.run(engine, source.planes(everything, count=True), p)
-        _leave(engine, result.color, result.also, targets, 0)
+        planes = source.planes(everything, count=True)
+        sums = _sums(engine, source, [planes])
+        result = method.run(engine, planes, p)
+        _leave(engine, result.color, result.also, targets, 0, sums)
         return Filtered(result, lambda maps: [summarise(engine, result, everything, maps)])
     facts = method.survey(engine, source, p)
+    sums = _sums(
+        engine, source, (source.planes(rows, ["color", ALSO]) for rows in cut(source.height, source.most, 0, 1))
+    )
     light, summaries = None, []
     kept = [place if place.dtype == np.float32 else _room_for(engine, source) for place in targets]
     for rows in cut(source.height, source.most, method.reach(p), method.align(engine, p)):
@@ -99,21 +104,35 @@ def filter_frame(
         else:
             if result.exposed:
                 image, layers = _unexposed(engine, image, layers, source, facts, rows)
-            _leave(engine, image, layers, targets, rows.first)
+            _leave(engine, image, layers, targets, rows.first, sums)
         summaries.append(summarise(engine, result, rows, True))
         nothing = dict.fromkeys(("color", "removed", "kept", "terms", "shares", "error", "also", "also_removed"))
         result = replace(result, **nothing)
         del image, layers
     if light is not None:
         light.blur()
-        _give_back(engine, source, light, facts, kept, targets)
+        _give_back(engine, source, light, facts, kept, targets, sums)
     return Filtered(result, lambda maps: summaries)
 
 
-def _leave(engine: Engine, image: Planes, layers: Planes | None, targets: Sequence[Strided], first: int) -> None:
+def _sums(engine: Engine, source: Source, bands: Iterable[dict[str, Planes]]) -> Sums | None:
+    """Whether the layers sum to the colour; None without any."""
+    if not source.also:
+        return None
+    return count_sums(engine, ((planes[ALSO], planes["color"]) for planes in bands), source.height, source.width)
+
+
+def _leave(
+    engine: Engine,
+    image: Planes,
+    layers: Planes | None,
+    targets: Sequence[Strided],
+    first: int,
+    sums: Sums | None,
+) -> None:
     """Write a band of the frame, which begins with row `first`, and its layers."""
     if layers:
-        settle_also(engine, layers, image)
+        settle_also(engine, layers, image, sums)
     for picture, target in zip([image, *each_layer(layers)], targets, strict=True):
         leave(engine, picture, target.rows(first))
 
@@ -131,6 +150,7 @@ def _give_back(
     facts: Facts,
     kept: Sequence[Strided],
     targets: Sequence[Strided],
+    sums: Sums | None,
 ) -> None:
     size, unused = (source.height, source.width), engine.zeros(1)
     for rows in cut(source.height, source.most, 0, SCALE):
@@ -141,7 +161,7 @@ def _give_back(
                 door(engine, place, *size, unused, rows=rows, out=out)
             layers = light.give_back_also(rows.wanted(layers), rows.first)
         image, layers = _unexposed(engine, image, layers, source, facts, rows)
-        _leave(engine, image, layers, targets, rows.first)
+        _leave(engine, image, layers, targets, rows.first, sums)
 
 
 def _unexposed(

@@ -5,10 +5,17 @@ Layers are one set of planes, three to a layer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import pyopencl as cl
 
 from ..engine import Engine, Planes
 from .pad import stack
+
+#: Part of the pixels in which layers must sum to the colour, for them to be all that it is made of.
+ENOUGH = 0.99
 
 
 def each_layer(layers: Planes | None) -> Iterator[Planes]:
@@ -39,9 +46,35 @@ def bound_also(engine: Engine, fit: Planes, color: Planes, layers: Planes, befor
     _launch(engine, "bound_also", 3, fit, fit, color, layers, before, layers.channels, height, width)
 
 
-def settle_also(engine: Engine, layers: Planes, color: Planes) -> None:
-    """Make layers sum to the colour, in place, where they do but for rounding."""
-    _launch(engine, "settle_also", 3, layers, layers, color, layers.channels, layers.height, layers.width)
+@dataclass(frozen=True)
+class Sums:
+    """In how many pixels of a frame all layers together are the colour.
+
+    Attributes:
+        counted: one integer on the device.
+        enough: how many say that the layers are all that the colour is made of.
+    """
+
+    counted: cl.MemoryObjectHolder
+    enough: int
+
+
+def count_sums(engine: Engine, bands: Iterable[tuple[Planes, Planes]], height: int, width: int) -> Sums:
+    """Look at a frame of this size that comes in bands: the layers as they are given, and the colour."""
+    counted, kernel = engine.zeros(1), engine.kernel("also.cl", "count_sums")
+    for layers, color in bands:
+        size = (layers.height,)
+        engine.launch("also", kernel, size, layers, color, layers.channels, layers.height, layers.width, counted)
+    return Sums(counted, math.ceil(ENOUGH * height * width))
+
+
+def settle_also(engine: Engine, layers: Planes, color: Planes, sums: Sums) -> None:
+    """Make filtered layers sum to the filtered colour, in place, if those given did, where they do but for rounding.
+
+    A fit rounds: its sums are right to 1e-4 where features hardly tell it what to do, and to 1e-6 elsewhere.
+    """
+    numbers = layers.channels, layers.height, layers.width
+    _launch(engine, "settle_also", 3, layers, layers, color, *numbers, sums.counted, sums.enough)
 
 
 def fit_also(
