@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 import OpenEXR
 
 from .errors import ExrError
+from .temporary import unfinished
 
 MAGIC = b"\x76\x2f\x31\x01"
 DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
@@ -160,16 +160,9 @@ def save(path: str | os.PathLike[str], parts: Sequence[Part]) -> None:
         raise ExrError(f"{path} cannot be written ({error}): give the path of a file") from None
     if os.path.exists(final) and not os.path.isfile(final):  # noqa: PTH110, PTH113 (a Path's raise for odd names)
         raise ExrError(f"{path} is not a regular file: give the path of a file to write")
-    temporary = final.with_name(f".mcdenoise-{secrets.token_hex(8)}.tmp")
     try:
-        # Made here rather than by OpenEXR: never over an existing file, and with the permissions of any new file.
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-        try:
+        with unfinished(final) as temporary:
             _write(temporary, parts)
-            temporary.replace(final)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
     except Exception as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ExrError(

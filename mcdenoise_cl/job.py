@@ -143,9 +143,12 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Material:
-    """A job that has been read: the frame, its neighbours, the file it goes back into, and the stamp of the result."""
+    """A job that has been read: the frame, its neighbours, the file it goes back into, and the stamp of the result.
 
-    frame: Frame
+    `frame` is None once it has been denoised.
+    """
+
+    frame: Frame | None
     neighbours: tuple[Frame, ...]
     parts: Sequence[Part]
     stamp: str

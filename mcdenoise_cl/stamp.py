@@ -1,4 +1,4 @@
-"""Which results are up to date: every result carries a stamp, a header attribute that says what it was made of and how."""
+"""Which results are up to date: each carries a stamp, a header attribute that says what it was made of and how."""
 
 from __future__ import annotations
 
@@ -16,6 +16,10 @@ from .exr_file import read_header
 
 if TYPE_CHECKING:
     from .job import Job, Recipe
+
+
+#: The reason of the verdict on a target that was made of these inputs in this way.
+UP_TO_DATE = "up to date"
 
 
 @dataclass(frozen=True)
@@ -93,11 +97,11 @@ def judge(job: Job, recipe: Recipe, overwrite: bool = False) -> Verdict:
     wanted = json.loads(stamp(job, recipe))
     if not os.path.lexists(job.target):
         return Verdict(True, "new")
-    found = read_stamp(job.target)
-    if found is not None and _but_source(found) == _but_source(wanted):
-        return Verdict(True, "overwritten as asked") if overwrite else Verdict(False, "up to date")
     if overwrite:
         return Verdict(True, "overwritten as asked")
+    found = read_stamp(job.target)
+    if found is not None and _but_source(found) == _but_source(wanted):
+        return Verdict(False, UP_TO_DATE)
     if found is None:
         return Verdict(False, "the output exists and is not mcdenoise's: --force (overwrite=True) replaces it")
     if found.get("source") != wanted["source"]:
