@@ -124,6 +124,7 @@ def write_exr(
     *,
     template: str | os.PathLike[str] | None = None,
     layers: Mapping[str, str] | None = None,
+    also: Mapping[str, np.ndarray] | None = None,
     compression: str | OpenEXR.Compression | None = None,
     dtype: Any = None,
 ) -> None:
@@ -141,6 +142,7 @@ def write_exr(
             viewers show. Under a lossy compression the kept half and float layers are compressed once more, so
             they are not bit-exact. Of mipmapped tiles only the full resolution is kept.
         layers: as for `read_exr`; of the template only `color` matters.
+        also: further images, (H, W, 3), by the names of the template's RGB layers whose place they take.
         compression: "none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab", or another that
             OpenEXR knows; by default the template's, else "zip".
         dtype: float16 or float32 for the planes, except variances, which half cannot hold; by default what the
@@ -161,11 +163,17 @@ def write_exr(
     planes = _host_planes(image)
     packing = None if compression is None else _check_compression(compression)
     stored = None if dtype is None else _check_dtype(dtype)
+    if also and template is None:
+        raise ExrError("also is given but template is not: pass the file that has these layers")
     if template is None:
         metadata = image.metadata if isinstance(image, Frame) else {}
         parts = [_own_part(planes, metadata, COMPRESSIONS["zip"] if packing is None else packing, stored)]
     else:
         parts = replace_color(template, load(template), planes["color"], layers, stored)
+        if also:
+            from .exr_also import replace_also  # which builds on this file
+
+            parts = replace_also(template, parts, also, layers, stored)
         if packing is not None:
             parts = [p if p.deep else replace(p, header=p.header | {"compression": packing}) for p in parts]
     save(path, parts)

@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from .errors import ExrError
-from .exr import cast, layers_of, stacked
-from .exr_file import Part
+from .exr import cast, frame_of, layers_of, stacked
+from .exr_file import Part, load
 from .exr_layers import Layer, describe, moment_base, result_layer
 from .frame import Frame
 from .light_groups import find_groups
@@ -36,6 +36,29 @@ class AlsoLayers:
     images: Mapping[str, np.ndarray]
     groups: tuple[tuple[str, ...], ...] = ()
     notes: tuple[str, ...] = ()
+
+
+def read_also(path: StrPath, also: Also = "auto", *, layers: Mapping[str, str] | None = None) -> dict[str, np.ndarray]:
+    """Further RGB layers of an EXR file, to be filtered with its colour: what `denoise` takes as `also`.
+
+    Args:
+        path: the file.
+        also: names of layers, as for `also_of`; "auto" for all that in groups sum to the colour, {} if there are none.
+        layers: as for `read_exr`; of them only `color` matters, and that features are no light.
+
+    Raises:
+        ExrError: the file cannot be read, or a name is not that of one RGB layer over the pixels of the colour.
+
+    Example:
+        >>> import tempfile
+        >>> from mcdenoise_cl import write_exr
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_exr(folder + "/frame.exr", Frame(*[np.ones((4, 6, 3), np.float32)] * 2))
+        ...     {name: layer.shape for name, layer in read_also(folder + "/frame.exr", ["albedo"]).items()}
+        {'albedo': (4, 6, 3)}
+    """
+    parts = load(path)
+    return dict(also_of(path, parts, also, frame_of(path, parts, layers), layers).images)
 
 
 def also_of(
@@ -64,15 +87,27 @@ def also_of(
 
 
 def replace_also(
-    path: StrPath, parts: Sequence[Part], images: Mapping[str, np.ndarray], layers: Mapping[str, str] | None = None
+    path: StrPath,
+    parts: Sequence[Part],
+    images: Mapping[str, np.ndarray],
+    layers: Mapping[str, str] | None = None,
+    dtype: np.dtype | None = None,
 ) -> list[Part]:
-    """The parts of a file with images, by the names of layers that `also_of` gives, in the place of these layers."""
+    """The parts of a file with images, by the names of layers that `also_of` gives, in the place of these layers.
+
+    Raises:
+        ExrError: there is no such layer, or an image has not its height and width, or lies on a device.
+    """
     parts = list(parts)
     color, light = _light(path, parts, layers) if images else (None, [])
     for name, image in images.items():
         layer = _named(path, light, color, name)
         old = parts[layer.part].channels
-        new = {c: (cast(image[..., i], old[c][0].dtype), old[c][1]) for i, c in enumerate(layer.channels)}
+        shape = (*old[layer.channels[0]][0].shape, 3)
+        if not isinstance(image, np.ndarray) or image.shape != shape or image.dtype.kind != "f":
+            kind = f"{image.dtype} of {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+            raise ExrError(f"the image for the layer {name} is a {kind} but a host array of {shape} floats is needed")
+        new = {c: (cast(image[..., i], dtype or old[c][0].dtype), old[c][1]) for i, c in enumerate(layer.channels)}
         parts[layer.part] = replace(parts[layer.part], channels=old | new)
     return parts
 

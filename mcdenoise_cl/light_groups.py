@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,9 @@ HALF, FLOAT = 4e-3, 2e-4
 
 #: A search that has tried so many sums ends with what it has found.
 MOST_TRIALS = 20_000
+
+#: Of so many groups all pixels are looked at.
+MOST_GROUPS = 64
 
 
 def find_groups(color: np.ndarray, layers: Mapping[str, np.ndarray]) -> tuple[tuple[str, ...], ...]:
@@ -49,8 +52,8 @@ def find_groups(color: np.ndarray, layers: Mapping[str, np.ndarray]) -> tuple[tu
     search = _Search(samples, slack, slack * 0.01 * float(np.abs(goal).mean()), [])
     search.go(goal, 0, (), [sum(samples[i:], np.zeros_like(goal)) for i in range(len(samples) + 1)])
     order = list(layers)
-    groups = [tuple(sorted((names[i] for i in group), key=order.index)) for group in search.found]
-    groups = [group for group in groups if len(group) > 1 and _holds(color, [layers[n] for n in group], slack)]
+    found = (_completed(color, [names[i] for i in group], names, layers, slack) for group in search.found[:MOST_GROUPS])
+    groups = {tuple(sorted(group, key=order.index)) for group in found if len(group) > 1}
     return tuple(sorted(groups, key=lambda group: (-len(group), [order.index(name) for name in group])))
 
 
@@ -111,8 +114,8 @@ def _could_be_part(layer: np.ndarray, color: np.ndarray, at: np.ndarray) -> bool
     )
 
 
-def _holds(color: np.ndarray, layers: list[np.ndarray], slack: float) -> bool:
-    """Whether the sum is the picture at nearly all pixels that are finite."""
+def _bearing_out(color: np.ndarray, layers: Iterable[np.ndarray], slack: float) -> float:
+    """In what part of the values that are finite the sum is the picture."""
     whole, total, size = np.asarray(color, np.float64), np.zeros(color.shape), np.abs(color.astype(np.float64))
     with np.errstate(invalid="ignore", over="ignore"):
         for layer in layers:
@@ -120,4 +123,20 @@ def _holds(color: np.ndarray, layers: list[np.ndarray], slack: float) -> bool:
             size += np.abs(layer.astype(np.float64))
         finite = np.isfinite(total) & np.isfinite(whole)
         off, room = np.abs(total - whole)[finite], (slack * size)[finite]
-    return bool(off.size) and _most(off <= room + slack * 0.01 * np.abs(whole[finite]).mean())
+    return float((off <= room + slack * 0.01 * np.abs(whole[finite]).mean()).mean()) if off.size else 0.0
+
+
+def _completed(
+    color: np.ndarray, group: Sequence[str], names: Sequence[str], layers: Mapping[str, np.ndarray], slack: float
+) -> list[str]:
+    """The group, and layers so small that the search found it without them; none where the sum does not hold."""
+    group = list(group)
+    best = _bearing_out(color, (layers[name] for name in group), slack)
+    if best < ENOUGH:
+        return []
+    for name in names:
+        if name not in group:
+            found = _bearing_out(color, (layers[each] for each in (*group, name)), slack)
+            if found > best:
+                group, best = [*group, name], found
+    return group
