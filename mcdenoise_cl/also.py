@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import pyopencl.array as cl_array
+
 from .errors import FrameError
 from .frame import Frame, check_vector
 
@@ -13,7 +15,7 @@ PREFIX = "also."
 
 
 def check_layers(also: Mapping[str, Any] | None, frame: Frame) -> dict[str, Any]:
-    """The layers that go with a frame, by name; {} for None.
+    """The layers that go with a frame, by PREFIX and name; {} for None.
 
     Raises:
         FrameError: not a dict of arrays, or one of them has not the shape or side of the frame's colour, or a dtype
@@ -23,7 +25,7 @@ def check_layers(also: Mapping[str, Any] | None, frame: Frame) -> dict[str, Any]
         >>> import numpy as np
         >>> color = np.ones((4, 6, 3), np.float32)
         >>> list(check_layers({"diffuse": 0.5 * color}, Frame(color)))
-        ['diffuse']
+        ['also.diffuse']
     """
     if also is None:
         return {}
@@ -34,7 +36,7 @@ def check_layers(also: Mapping[str, Any] | None, frame: Frame) -> dict[str, Any]
             raise FrameError(f"also has the name {name!r}: give the names of layers as text")
         title = f"also[{name!r}]"
         check_vector(title, layer, frame.shape)
-        if type(layer) is not type(frame.color) and frame.on_device != hasattr(layer, "context"):
+        if isinstance(layer, cl_array.Array) != frame.on_device:
             kinds = ("a device array", "a NumPy array")
             raise FrameError(
                 f"{title} is {kinds[frame.on_device]} but color is {kinds[not frame.on_device]}: "

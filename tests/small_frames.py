@@ -79,7 +79,7 @@ CASES = {
         "guided", (*FEATURES, "normal_variance", *HALVES), parameters={"prefilter": True, "block": 3}
     ),
     "auto-color": Case("auto", parameters=AUTO),
-    "auto-halves": Case("auto", ("normal", "normal_variance", *HALVES), dtype="f2", parameters=AUTO, layers=3),
+    "auto-halves": Case("auto", ("normal", "normal_variance", *HALVES), dtype="f2", parameters=AUTO, layers=1),
     "auto": Case("auto", (*FEATURES, *VARIANCES, *HALVES, KNOWN), parameters=AUTO),
     "auto-inliers": Case("auto", ("albedo", *HALVES), parameters={**AUTO, "outliers": False}),
 }

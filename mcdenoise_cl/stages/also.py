@@ -12,10 +12,13 @@ from dataclasses import dataclass
 import pyopencl as cl
 
 from ..engine import Engine, Planes
-from .pad import stack
 
 #: Part of the pixels in which layers must sum to the colour, for them to be all that it is made of.
 ENOUGH = 0.99
+
+#: Layers that are fitted at a time: they share weights and the moments of the features. Moments of one are what a GPU
+#: has registers for.
+TOGETHER = {"tile": 3, "group": 1}
 
 
 def each_layer(layers: Planes | None) -> Iterator[Planes]:
@@ -80,23 +83,22 @@ def settle_also(engine: Engine, layers: Planes, color: Planes, sums: Sums) -> No
 def fit_also(
     engine: Engine, fit: Callable[..., tuple[Planes, ...]], color: Planes, layers: Planes | None
 ) -> list[tuple[Planes, Planes | None]]:
-    """Fits of a colour, and the same fits of its layers.
+    """Fits of a colour, and the same fits of its layers, TOGETHER at a time.
 
     Args:
         fit: `first_order_regression`, ready but for the last argument, what is fitted, and the options `bounded` and
-            `out`. It is asked for as many planes at a time as the colour has: of one program.
+            `out`.
         color: three planes, or four.
         layers: None for none.
     """
     if layers is None:
         return [(each, None) for each in fit(color)]
-    fits, count, most = fit(color, bounded=False), layers.channels, color.channels
-    wide = layers if count >= most else stack(engine, [layers, layers.part(0, most - count)], 0)
-    found = [engine.planes(wide.channels, color.height, color.width) for _ in fits]
-    for start in range(0, count, most):
-        first = min(start, wide.channels - most)
-        fit(wide.part(first, most), bounded=False, out=tuple(planes.part(first, most) for planes in found))
-    found = [planes.part(0, count) for planes in found]
+    fits = fit(color, bounded=False)
+    found = [engine.planes(layers.channels, color.height, color.width) for _ in fits]
+    most = 3 * TOGETHER[engine.shape.schedule]
+    for first in range(0, layers.channels, most):
+        count = min(most, layers.channels - first)
+        fit(layers.part(first, count), bounded=False, out=tuple(planes.part(first, count) for planes in found))
     for each, others in zip(fits, found, strict=True):
         bound_also(engine, each, color, others, layers)
     return list(zip(fits, found, strict=True))
