@@ -25,10 +25,10 @@ kernel void bound_also(PLANES(fit), CONST_PLANES(color), PLANES(layers), CONST_P
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    const vec own = VECTOR_AT(color, c, y, x), value = VECTOR_AT(fit, c, y, x), least = fmin(own, (vec)(0.f));
+    const vec own = VECTOR_AT(color, c, y, x), value = VECTOR_AT(fit, c, y, x), least = smaller(own, (vec)(0.f));
     if (ALL(value >= least))
         return;
-    STORE(fmax(value, least), fit + INDEX(fit, c, y, x));
+    STORE(larger(value, least), fit + INDEX(fit, c, y, x));
     for (int i = c; i < count; i += 3) {
         const vec kept = own < 0.f ? VECTOR_AT(before, i, y, x) : (vec)(0.f), fitted = VECTOR_AT(layers, i, y, x);
         STORE(value < least ? kept : fitted, layers + INDEX(layers, i, y, x));

@@ -205,12 +205,12 @@ kernel void box_fit_solve(CONST_PLANES(group), int height, int width, float ridg
         /* L L^T, in place; the diagonal holds 1 / L_aa */
         for (int a = 0; a < FEATURES; a++) {
             vec *row = window.product + LOWER(a, 0);
-            row[a] = fmax(row[a], (vec)(0.f)) * (1.f + ridge) + least;
+            row[a] = larger(row[a], (vec)(0.f)) * (1.f + ridge) + least;
             for (int b = 0; b <= a; b++) {
                 vec sum = row[b];
                 for (int q = 0; q < b; q++)
                     sum -= row[q] * window.product[LOWER(b, q)];
-                row[b] = a == b ? 1.f / sqrt(fmax(sum, (vec)(0.5f * least))) : sum * window.product[LOWER(b, b)];
+                row[b] = a == b ? 1.f / sqrt(larger(sum, (vec)(0.5f * least))) : sum * window.product[LOWER(b, b)];
             }
         }
         for (int k = 0; k < 3; k++) {
@@ -288,7 +288,7 @@ kernel void box_fit_share(CONST_PLANES(left), int height, int width, float noise
     if (x >= width || y >= height)
         return;
     const vec squares = VECTOR_AT(left, 0, y, x), expected = VECTOR_AT(left, 1, y, x);
-    STORE(fmin(noise * expected / fmax(squares, (vec)(1e-30f)), (vec)(1.f)), out + INDEX(out, 0, y, x));
+    STORE(smaller(noise * expected / larger(squares, (vec)(1e-30f)), (vec)(1.f)), out + INDEX(out, 0, y, x));
 }
 
 /* Of the residual only that share is removed. A fit may overshoot below `darkest`, 0, where light cannot be; only a
@@ -313,7 +313,7 @@ kernel void box_fit_restore(CONST_PLANES(share), CONST_PLANES(color), CONST_PLAN
             const vec noise = across_columns(shares, before, across);
             for (int k = 0; k < 3; k++) {
                 const vec c = EVERY(color, k, row, column, width), value = EVERY(fitted, k, row, column, width);
-                SPREAD(fmax(BLEND(c, value, noise), fmin(c, (vec)(darkest))), out, k, row, column, width);
+                SPREAD(larger(BLEND(c, value, noise), smaller(c, (vec)(darkest))), out, k, row, column, width);
             }
         }
     }

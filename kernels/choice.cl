@@ -12,8 +12,8 @@ kernel void luminance_variance(CONST_PLANES(variance), int height, int width, PL
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const float deviation = 0.2126f * sqrt(fmax(AT(variance, 0, y, x), 0.f)) + 0.7152f * sqrt(fmax(AT(variance, 1, y, x), 0.f)) +
-                            0.0722f * sqrt(fmax(AT(variance, 2, y, x), 0.f));
+    const float deviation = 0.2126f * sqrt(larger(AT(variance, 0, y, x), 0.f)) + 0.7152f * sqrt(larger(AT(variance, 1, y, x), 0.f)) +
+                            0.0722f * sqrt(larger(AT(variance, 2, y, x), 0.f));
     AT(out, 0, y, x) = deviation * deviation;
 }
 
@@ -30,7 +30,7 @@ kernel void variance_left(CONST_PLANES(frame), int height, int width, PLANES(out
     float squares = 0.f;
     for (int c = 0; c < 3; c++)
         squares += AT(frame, c, y, x) * AT(frame, c, y, x);
-    AT(out, 0, y, x) = d * d * fmin(squares / fmax(l * l, 1e-12f), MOST_COLORED);
+    AT(out, 0, y, x) = d * d * smaller(squares / larger(l * l, 1e-12f), MOST_COLORED);
 }
 
 /* D r, r within half of D, which is where the truth lies if one of the two is right, and the bound for its noise. */
@@ -81,20 +81,22 @@ kernel void compare(CONST_PLANES(current), CONST_PLANES(candidate), CONST_PLANES
 kernel void mix_in(PLANES(current), CONST_PLANES(candidate), CONST_PLANES(found), int height, int width, float prior,
                    float doubt, float margin, float apart, PLANES(share))
 {
-    const int x = get_global_id(0), y = get_global_id(1);
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const float g = AT(found, 0, y, x), q = AT(found, 2, y, x) + LEAST_DIFFERENCE;
-    const float deviation = sqrt(fmax(AT(found, 1, y, x) - g * g, 0.f));
-    const float doubtful = (doubt * deviation + DOUBTFUL_DIFFERENCE) / q, trust = 1.f / (1.f + doubtful * doubtful);
-    const float best = 0.5f + (g - margin * deviation) / q;
-    const float l = LUMINANCE(current, y, x), m = LUMINANCE(candidate, y, x);
-    const float believed = clamp(2.f - fabs(m - l) / (apart * (fmax(fmin(l, m), 0.f) + FAINT)), 0.f, 1.f);
-    const float a = believed * clamp(trust * best + (1.f - trust) * prior, 0.f, 1.f);
-    AT(share, 0, y, x) = a;
+    const vec zero = (vec)(0.f), one = (vec)(1.f);
+    const vec g = VECTOR_AT(found, 0, y, x), q = VECTOR_AT(found, 2, y, x) + LEAST_DIFFERENCE;
+    const vec deviation = sqrt(larger(VECTOR_AT(found, 1, y, x) - g * g, zero));
+    const vec doubtful = (doubt * deviation + DOUBTFUL_DIFFERENCE) / q, trust = 1.f / (1.f + doubtful * doubtful);
+    const vec best = 0.5f + (g - margin * deviation) / q;
+    const vec l = VECTOR_LUMINANCE(current, y, x), m = VECTOR_LUMINANCE(candidate, y, x), darker = smaller(l, m);
+    const vec step = larger(l, m) - darker;
+    const vec believed = BOUNDED(2.f - step / (apart * (larger(darker, zero) + FAINT)), zero, one);
+    const vec a = believed * BOUNDED(trust * best + (1.f - trust) * prior, zero, one);
+    STORE(a, share + INDEX(share, 0, y, x));
     for (int c = 0; c < 4; c++) {
-        const float before = AT(current, c, y, x), after = AT(candidate, c, y, x);
-        AT(current, c, y, x) = BLEND(before, after, a);
+        const vec before = VECTOR_AT(current, c, y, x), after = VECTOR_AT(candidate, c, y, x);
+        STORE(BLEND(before, after, a), current + INDEX(current, c, y, x));
     }
 }
 
@@ -133,6 +135,6 @@ kernel void estimated_error(CONST_PLANES(found), CONST_PLANES(noise), CONST_PLAN
     if (x >= width || y >= height)
         return;
     const float g = AT(found, 0, y, x), q = AT(found, 2, y, x), h = AT(share, 0, y, x);
-    const float alone = fmax(AT(noise, 0, y, x) + 2.f * g, AT(left, 0, y, x));
-    AT(out, 0, y, x) = fmax(mix(alone, AT(noise, 0, y, x), h) - h * (1.f - h) * q, 0.f);
+    const float alone = larger(AT(noise, 0, y, x) + 2.f * g, AT(left, 0, y, x));
+    AT(out, 0, y, x) = larger(mix(alone, AT(noise, 0, y, x), h) - h * (1.f - h) * q, 0.f);
 }

@@ -6,6 +6,7 @@
  */
 #ifndef MCDENOISE_COMMON_H
 #define MCDENOISE_COMMON_H
+#include "inline.h"
 
 #define PLANES(p) global float *restrict p, int p##_origin, int p##_row, int p##_plane
 #define CONST_PLANES(p) global const float *restrict p, int p##_origin, int p##_row, int p##_plane
@@ -25,13 +26,61 @@ typedef float vec;
 #define STORE(v, p) (*(p) = (v))
 #define ALL(condition) (condition)
 #define ANY(condition) (condition)
+#define larger fmax
+#define smaller fmin
 #else
 typedef JOIN(float, WIDTH) vec;
-#define LOAD(p) JOIN(vload, WIDTH)(0, p)
-#define STORE(v, p) JOIN(vstore, WIDTH)(v, 0, p)
+#define LOAD(p) load(p)
+#define STORE(v, p) store(v, p)
 #define ALL(condition) all(condition)
 #define ANY(condition) any(condition)
+
+/* Some runtimes (PoCL 3.0) call what others have as one instruction, vload, fmax and the like, and then spend most of the
+ * time there. Of a NaN and a number, `larger` and `smaller` give the second. */
+#define OVERLOADED INLINE __attribute__((overloadable))
+typedef vec unaligned __attribute__((aligned(4)));
+
+OVERLOADED vec load(global const float *p)
+{
+    return *(global const unaligned *)p;
+}
+
+OVERLOADED vec load(const float *p)
+{
+    return *(const unaligned *)p;
+}
+
+OVERLOADED void store(vec v, global float *p)
+{
+    *(global unaligned *)p = v;
+}
+
+OVERLOADED void store(vec v, float *p)
+{
+    *(unaligned *)p = v;
+}
+
+OVERLOADED vec larger(vec a, vec b)
+{
+    return a > b ? a : b;
+}
+
+OVERLOADED float larger(float a, float b)
+{
+    return a > b ? a : b;
+}
+
+OVERLOADED vec smaller(vec a, vec b)
+{
+    return a < b ? a : b;
+}
+
+OVERLOADED float smaller(float a, float b)
+{
+    return a < b ? a : b;
+}
 #endif
+#define BOUNDED(x, low, high) smaller(larger(x, low), high)
 
 /* Mirror without repeating the edge pixel (OpenCV's REFLECT_101), for any distance from the image. */
 inline int reflect(int i, int n)

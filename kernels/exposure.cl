@@ -48,7 +48,7 @@ kernel void exposure_from_rows(global const float *restrict row_sum, global cons
         sum = next;
         count += row_count[y];
     }
-    exposure[0] = count > 0 ? fmin(key / exp(sum / count), MOST_EXPOSURE) : 1.f;
+    exposure[0] = count > 0 ? smaller(key / exp(sum / count), MOST_EXPOSURE) : 1.f;
 }
 
 /* Two curves from light to tone, both followed by a gamma of 2.2: CLIP cuts at 1, as a display does, and so takes
@@ -62,8 +62,8 @@ kernel void tonemap(CONST_PLANES(color), int height, int width, global const flo
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    const vec light = fmax(exposure[0] * VECTOR_AT(color, c, y, x), (vec)(0.f));
-    const vec tone = curve == CLIP ? fmin(light, (vec)(1.f)) : light / (light + 1.f);
+    const vec light = larger(exposure[0] * VECTOR_AT(color, c, y, x), (vec)(0.f));
+    const vec tone = curve == CLIP ? smaller(light, (vec)(1.f)) : light / (light + 1.f);
     STORE(power(tone, 1.f / 2.2f), out + INDEX(out, c, y, x));
 }
 
@@ -74,7 +74,7 @@ kernel void tonemap_inverse(CONST_PLANES(in), int height, int width, global cons
     if (x >= width || y >= height)
         return;
     const vec tone = power(clamp(VECTOR_AT(in, c, y, x), (vec)(0.f), (vec)(1.f)), 2.2f);
-    const vec light = curve == CLIP ? tone : tone / fmax((vec)(1.f) - tone, (vec)(1e-6f));
+    const vec light = curve == CLIP ? tone : tone / larger((vec)(1.f) - tone, (vec)(1e-6f));
     STORE(light / exposure[0], out + INDEX(out, c, y, x));
 }
 
@@ -95,7 +95,7 @@ kernel void compress(CONST_PLANES(color), int height, int width, global const fl
 
 inline vec expanded(vec light)
 {
-    return light / fmax((vec)(1.f) - fabs(light), (vec)(1e-6f));
+    return light / larger((vec)(1.f) - fabs(light), (vec)(1e-6f));
 }
 
 /* Back to light, as a change of the colour that was compressed, so that what compression rounds off stays: a pixel
@@ -134,8 +134,8 @@ kernel void expand_also(CONST_PLANES(in), CONST_PLANES(layer), CONST_PLANES(colo
         return;
     const vec before = VECTOR_AT(layer, c, y, x), light = exposure[0] * VECTOR_AT(color, c, y, x);
     const vec own = exposure[0] * before / (1.f + fabs(light)), tone = compressed(light);
-    const vec old = own / fmax((vec)(1.f) - fabs(tone), (vec)(1e-6f));
-    const vec mean = VECTOR_AT(in, c, y, x) / fmax((vec)(1.f) - fabs(VECTOR_AT(averaged, c, y, x)), (vec)(1e-6f));
+    const vec old = own / larger((vec)(1.f) - fabs(tone), (vec)(1e-6f));
+    const vec mean = VECTOR_AT(in, c, y, x) / larger((vec)(1.f) - fabs(VECTOR_AT(averaged, c, y, x)), (vec)(1e-6f));
     STORE(before + (mean - old) / exposure[0], out + INDEX(out, c, y, x));
 }
 

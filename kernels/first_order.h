@@ -55,12 +55,12 @@ INLINE void add_ridges(fits *m, int terms, const fits *least, float ridge
                 EACH row.of[i] += direction[b - COMPONENT][q] * m[LOWER(a, b)].of[i];
             EACH moment.of[i] += direction[a - COMPONENT][q] * row.of[i];
         }
-        EACH damping[q].of[i] = 2.f * ridge * fmax(moment.of[i], (vec)(0.f)) + m[0].of[i] * noise[q].of[i];
+        EACH damping[q].of[i] = 2.f * ridge * larger(moment.of[i], (vec)(0.f)) + m[0].of[i] * noise[q].of[i];
     }
 #endif
     for (int a = 1; a < terms; a++) {
         const float factor = a < COMPONENT ? 1.f + ridge : 1.f;
-        EACH m[LOWER(a, a)].of[i] = fmax(m[LOWER(a, a)].of[i], (vec)(0.f)) * factor + least[a].of[i];
+        EACH m[LOWER(a, a)].of[i] = larger(m[LOWER(a, a)].of[i], (vec)(0.f)) * factor + least[a].of[i];
     }
 #if FEATURES > 0
     for (int q = 0; q < FEATURES; q++)
@@ -75,14 +75,14 @@ INLINE void add_ridges(fits *m, int terms, const fits *least, float ridge
 
 /* Colours are fitted as differences from `base`, which is added again here: a fit reproduces a constant, and this way to
  * the last bit. A fit may overshoot below `darkest`, 0, where light cannot be; only a negative pixel may stay so. The
- * fourth colour is a difference of halves. color and out point at the pixel in the first plane of each. (No `restrict` here: inlined,
- * it becomes an intrinsic that some simulators lack.) */
+ * fourth colour is a difference of halves. color and out point at the pixel in the first plane of each. (No `restrict`
+ * here: inlined, it becomes an intrinsic that some simulators lack.) */
 INLINE void store_fit(const vec result[COLORS], const float base[COLORS], float darkest, global const float *color,
                       int color_plane, global float *out, int out_plane)
 {
     for (int k = 0; k < COLORS; k++) {
-        const vec value = base[k] + result[k], least = fmin(LOAD(color + k * color_plane), (vec)(darkest));
-        STORE(k < 3 ? fmax(value, least) : value, out + k * out_plane);
+        const vec value = base[k] + result[k], least = smaller(LOAD(color + k * color_plane), (vec)(darkest));
+        STORE(k < 3 ? larger(value, least) : value, out + k * out_plane);
     }
 }
 #define STORE_FIT(result, base, y, x, out) \

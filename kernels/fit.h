@@ -27,7 +27,7 @@ INLINE void cholesky(fits *m, int terms, const fits *least)
             for (int q = 0; q < b; q++)
                 EACH sum.of[i] -= m[LOWER(a, q)].of[i] * m[LOWER(b, q)].of[i];
             if (a == b)
-                EACH m[LOWER(a, a)].of[i] = 1.f / sqrt(fmax(sum.of[i], least[a].of[i]));
+                EACH m[LOWER(a, a)].of[i] = 1.f / sqrt(larger(sum.of[i], least[a].of[i]));
             else
                 EACH m[LOWER(a, b)].of[i] = sum.of[i] * m[LOWER(b, b)].of[i];
         }

@@ -41,7 +41,7 @@ kernel void guided_coefficients(CONST_PLANES(means), int channels, int height, i
     if (x >= width || y >= height)
         return;
     const float mean = AT(means, 0, y, x);
-    const float variance = fmax(AT(means, 1, y, x) - mean * mean, 0.f);
+    const float variance = larger(AT(means, 1, y, x) - mean * mean, 0.f);
     for (int c = 0; c < channels; c++) {
         const float mean_f = AT(means, 2 + 2 * c, y, x);
         const float a = (AT(means, 3 + 2 * c, y, x) - mean * mean_f) / (variance + epsilon);

@@ -35,7 +35,7 @@ kernel void difference_from_variance(CONST_PLANES(variance), int height, int wid
     const uint one = scrambled(2 * ((first + y) * 65536 + x) + 1), two = scrambled(one + 0x9e3779b9U);
     const float radius = sqrt(-2.f * log(((one >> 8) + 0.5f) / 16777216.f));
     const float normal = radius * cospi(2.f * ((two >> 8) + 0.5f) / 16777216.f);
-    const float deviation = 0.2126f * sqrt(fmax(AT(variance, 0, y, x), 0.f)) + 0.7152f * sqrt(fmax(AT(variance, 1, y, x), 0.f)) +
-                            0.0722f * sqrt(fmax(AT(variance, 2, y, x), 0.f));
+    const float deviation = 0.2126f * sqrt(larger(AT(variance, 0, y, x), 0.f)) + 0.7152f * sqrt(larger(AT(variance, 1, y, x), 0.f)) +
+                            0.0722f * sqrt(larger(AT(variance, 2, y, x), 0.f));
     AT(out, 0, y, x) = normal * deviation;
 }

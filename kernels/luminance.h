@@ -9,6 +9,8 @@ inline float luminance_at(global const float *p, int plane)
     return 0.2126f * p[0] + 0.7152f * p[plane] + 0.0722f * p[2 * plane];
 }
 
+#define VECTOR_LUMINANCE(p, y, x) luminance(VECTOR_AT(p, 0, y, x), VECTOR_AT(p, 1, y, x), VECTOR_AT(p, 2, y, x))
+
 /* Noise and errors go with the square of the luminance, in exposed units, where the frame's log-average is 0.18. */
 #define LEAST_LUMINANCE2 1e-3f
 

@@ -15,7 +15,7 @@ kernel void brightest(CONST_PLANES(color), CONST_PLANES(variance), int height, i
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const vec most = fmax(fmax(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x)), VECTOR_AT(color, 2, y, x));
+    const vec most = larger(larger(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x)), VECTOR_AT(color, 2, y, x));
     const vec sum = VECTOR_AT(variance, 0, y, x) + VECTOR_AT(variance, 1, y, x) + VECTOR_AT(variance, 2, y, x);
     STORE(most, out + INDEX(out, 0, y, x));
     STORE(sum / (most * most + DARKEST2), out + INDEX(out, 1, y, x));
@@ -35,13 +35,13 @@ kernel void hold_back(CONST_PLANES(bright), PLANES(color), PLANES(variance), int
     for (int v = -1; v <= 1; v++)
         for (int u = -1; u <= 1; u++) {
             if (u != 0 || v != 0)
-                around = fmax(around, VECTOR_AT(bright, 0, y + v, x + u));
+                around = larger(around, VECTOR_AT(bright, 0, y + v, x + u));
             usual += VECTOR_AT(bright, 1, y + v, x + u);
         }
     for (int c = 0; c < 3; c++)
         sum += VECTOR_AT(variance, c, y, x);
     const vec own = VECTOR_AT(bright, 0, y, x), bound = limit * around;
-    const vec deviation = sqrt(fmax(sum, chance * chance * usual / 9.f * (own * own + DARKEST2)));
+    const vec deviation = sqrt(larger(sum, chance * chance * usual / 9.f * (own * own + DARKEST2)));
     const vec f = own > bound && (own - around) / significant <= deviation ? bound / own : (vec)(1.f);
     STORE(f, factor + INDEX(factor, 0, y, x));
     for (int c = 0; c < 3; c++) {

@@ -6,9 +6,14 @@
 kernel void pad(CONST_PLANES(in), int height, int width, PLANES(out), int border, int out_height, int out_width,
                 float scale, float shift)
 {
-    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
-    if (x >= out_width || y >= out_height)
+    const int place = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
+    if (place >= out_width || y >= out_height)
         return;
-    const float value = AT(in, c, reflect(y - border, height), reflect(x - border, width));
-    AT(out, c, y - border, x - border) = scale * value + shift;
+    const int x = place - border, row = reflect(y - border, height);
+    if (x >= 0 && x + WIDTH <= width) {
+        STORE(scale * VECTOR_AT(in, c, row, x) + shift, out + INDEX(out, c, y - border, x));
+        return;
+    }
+    for (int i = 0; i < WIDTH && place + i < out_width; i++)
+        AT(out, c, y - border, x + i) = scale * AT(in, c, row, reflect(x + i, width)) + shift;
 }

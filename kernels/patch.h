@@ -7,47 +7,10 @@
  */
 #ifndef MCDENOISE_PATCH_H
 #define MCDENOISE_PATCH_H
-#include "similarity.h"
 #include "weight.h"
 
 #define VECTORS (COLUMNS / WIDTH)
 #define SPAN_VECTORS ((COLUMNS + 2 * PATCH_RADIUS + WIDTH - 1) / WIDTH)
-
-/* out[y][v] = sum over k, l of taps[k] taps[l] * sum over `channels` of (a - b)^2 at (y + k, x + l), where a
- * points at the tile's first pixel in the first plane and b at the same, moved by the offset. */
-inline void patch_sum(global const float *a, global const float *b, int row, int plane, int channels,
-                      constant float *taps, vec out[ROWS][VECTORS])
-{
-    vec across[ROWS + 2 * PATCH_RADIUS][VECTORS];
-    for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
-        float square[SPAN_VECTORS * WIDTH];
-        const int start = (y - PATCH_RADIUS) * row - PATCH_RADIUS;
-        for (int v = 0; v < SPAN_VECTORS; v++) {
-            vec sum = (vec)(0.f);
-            for (int c = 0; c < channels; c++) {
-                const int i = start + v * WIDTH + c * plane;
-                const vec difference = LOAD(a + i) - LOAD(b + i);
-                sum += difference * difference;
-            }
-            STORE(sum, square + v * WIDTH);
-        }
-        for (int v = 0; v < VECTORS; v++) {
-            vec sum = taps[0] * LOAD(square + v * WIDTH);
-#pragma unroll
-            for (int k = 1; k < PATCH; k++)
-                sum += taps[k] * LOAD(square + v * WIDTH + k);
-            across[y][v] = sum;
-        }
-    }
-    for (int y = 0; y < ROWS; y++)
-        for (int v = 0; v < VECTORS; v++) {
-            vec sum = taps[0] * across[y][v];
-#pragma unroll
-            for (int k = 1; k < PATCH; k++)
-                sum += taps[k] * across[y + k][v];
-            out[y][v] = sum;
-        }
-}
 
 /* excess_of_noise for the row of pixels that line y of a tile's patches needs. a and b as above; va and vb point likewise
  * into one plane, the sum of the channels' variances. */
@@ -101,7 +64,7 @@ inline void patch_variance_distance(global const float *a, global const float *b
     const float norm = 1.f / (PATCH * PATCH);
     for (int y = 0; y < ROWS; y++)
         for (int v = 0; v < VECTORS; v++)
-            out[y][v] = fmax(norm * sum_down(across, y, v), (vec)(0.f));
+            out[y][v] = larger(norm * sum_down(across, y, v), (vec)(0.f));
 }
 
 /* out[y][v] = weight_of_sums. */
@@ -137,58 +100,6 @@ inline void patch_weights(global const float *a, global const float *b, int row,
             }
         }
     }
-}
-
-/* out[y][v] = variance of a - b over the patch (uniform weights): mean(e^2) - mean(e)^2, whose rounding is below 1e-4 of
- * SSIM's C2 for values in [0, 1]. The means are known before: stats_a and stats_b point at the tile's first pixel in the
- * first plane of the statistics, for channel c. */
-inline void patch_spread(global const float *a, global const float *b, int row, global const float *stats_a,
-                         global const float *stats_b, int stats_row, int stats_plane, int c, vec out[ROWS][VECTORS])
-{
-    vec across[ROWS + 2 * PATCH_RADIUS][VECTORS];
-    for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
-        float square[SPAN_VECTORS * WIDTH];
-        const int start = (y - PATCH_RADIUS) * row - PATCH_RADIUS;
-        for (int v = 0; v < SPAN_VECTORS; v++) {
-            const vec difference = LOAD(a + start + v * WIDTH) - LOAD(b + start + v * WIDTH);
-            STORE(difference * difference, square + v * WIDTH);
-        }
-        for (int v = 0; v < VECTORS; v++)
-            across[y][v] = sum_along(square, v);
-    }
-    for (int y = 0; y < ROWS; y++)
-        for (int v = 0; v < VECTORS; v++) {
-            const int i = y * stats_row + STAT(c, MEAN) * stats_plane + v * WIDTH;
-            const vec mean = LOAD(stats_a + i) - LOAD(stats_b + i);
-            const vec squares = sum_down(across, y, v) * (1.f / (PATCH * PATCH));
-            out[y][v] = fmax(squares - mean * mean, (vec)(0.f));
-        }
-}
-
-/* ssim[y][v] = ssim_of_channels; x and y point at the tile's first pixel and at the same, moved by the offset, in the
- * normals; stats_x and stats_y likewise in their statistics. */
-
-inline void patch_ssim_tile(global const float *x, global const float *y, int row, int plane,
-                                global const float *stats_x, global const float *stats_y, int stats_row,
-                                int stats_plane, float c1, float c2, vec ssim[ROWS][VECTORS])
-{
-    vec spread[ROWS][VECTORS];
-    for (int r = 0; r < ROWS; r++)
-        for (int v = 0; v < VECTORS; v++)
-            ssim[r][v] = (vec)(0.f);
-    for (int c = 0; c < 3; c++) {
-        patch_spread(x + c * plane, y + c * plane, row, stats_x, stats_y, stats_row, stats_plane, c, spread);
-        for (int r = 0; r < ROWS; r++)
-            for (int v = 0; v < VECTORS; v++) {
-                const int i = r * stats_row + v * WIDTH + STAT(c, MEAN) * stats_plane;
-                const int j = r * stats_row + v * WIDTH + STAT(c, VARIANCE) * stats_plane;
-                ssim[r][v] += dissimilarity(LOAD(stats_x + i), LOAD(stats_y + i), LOAD(stats_x + j),
-                                                  LOAD(stats_y + j), spread[r][v], c1, c2);
-            }
-    }
-    for (int r = 0; r < ROWS; r++)
-        for (int v = 0; v < VECTORS; v++)
-            ssim[r][v] = ssim_of_channels(ssim[r][v]);
 }
 
 #endif

@@ -100,7 +100,7 @@ kernel void block_shares(CONST_PLANES(means), int down, int across, PLANES(out))
     float noise = 0.f;
     for (int j = above; j <= below; j++)
         for (int i = left; i <= right; i++)
-            noise = fmax(noise, AT(means, NOISE + c, j, i));
+            noise = larger(noise, AT(means, NOISE + c, j, i));
     const float kept = clamp(AROUND(KEPT) / (AROUND(OWN) + 1e-30f), 0.f, 1.f);
     const float best = noise * (1.f - kept) / (AROUND(MOVED + c) + 1e-30f);
     AT(out, c, y, x) = clamp((best - LEAST_SHARE) / (1.f - LEAST_SHARE), 0.f, 1.f);

@@ -20,13 +20,13 @@
 
 INLINE vec center_weight(int center, vec most)
 {
-    return center == CENTER_ONE ? (vec)(1.f) : fmax(most, (vec)(LEAST_WEIGHT));
+    return center == CENTER_ONE ? (vec)(1.f) : larger(most, (vec)(LEAST_WEIGHT));
 }
 
 /* What a squared difference summed over three channels is multiplied by in the exponent of eq. 5. */
 INLINE float exponent_scale(float h_factor, float noise_level)
 {
-    const float h = fmax(h_factor * noise_level, 1e-6f);
+    const float h = larger(h_factor * noise_level, 1e-6f);
     return -1.f / (3.f * h * h);
 }
 
@@ -48,7 +48,7 @@ INLINE vec dissimilarity(vec mean_x, vec mean_y, vec variance_x, vec variance_y,
 /* SSIM of two patches from the sum of `dissimilarity` over three channels. */
 INLINE vec ssim_of_channels(vec sum)
 {
-    return clamp((vec)(1.f) - sum * (1.f / 3.f), (vec)(LEAST_SSIM), (vec)(1.f));
+    return BOUNDED((vec)(1.f) - sum * (1.f / 3.f), (vec)(LEAST_SSIM), (vec)(1.f));
 }
 
 #endif

@@ -45,7 +45,7 @@ inline float between_blocks(int i, int *before)
 inline float gain_of(float4 here)
 {
     const float mean = (here.x + here.y + here.z) / 3.f;
-    return 1.f + 0.5f * mean / fmax(fmax(here.w, mean), 1e-9f);
+    return 1.f + 0.5f * mean / larger(larger(here.w, mean), 1e-9f);
 }
 
 /* A work-item takes SCALE pixels of a row. The image is rows `first` to `first + rows` of a frame of `height`. */

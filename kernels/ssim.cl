@@ -1,5 +1,5 @@
 /* SSIM between patches of the prefiltered normals (Yang 2022, eq. 7; Wang et al. 2004). */
-#include "patch.h"
+#include "pairs.h"
 
 /* Of the patch around each pixel and channel: mean, and variance about the mean. `in` has a mirrored border of at least
  * the patch radius. */
@@ -30,16 +30,20 @@ kernel void patch_ssim(CONST_PLANES(unit), CONST_PLANES(stats), int height, int 
                        float c1, float c2, PLANES(out))
 {
     const int x = get_global_id(0) * COLUMNS, y = get_global_id(1) * ROWS;
-    vec ssim[ROWS][VECTORS];
     const int move = dy * unit_row + dx, stats_move = dy * stats_row + dx;
-    global const float *here = unit + INDEX(unit, 0, y, x);
-    global const float *stats_here = stats + INDEX(stats, 0, y, x);
-    patch_ssim_tile(here, here + move, unit_row, unit_plane, stats_here, stats_here + stats_move, stats_row,
-                        stats_plane, c1, c2, ssim);
+    vec across[3][REGION_ROWS + 2 * PATCH_RADIUS][REGION_VECTORS];
+    for (int c = 0; c < 3; c++) {
+        global const float *here = unit + INDEX(unit, c, y, x);
+        sum_across(here, here + move, unit_row, 0, 1, 0, region_of(ROWS, COLUMNS), across[c]);
+    }
     for (int r = 0; r < ROWS && y + r < height; r++)
         for (int v = 0; v < VECTORS; v++) {
             float line[WIDTH];
-            STORE(ssim[r][v], line);
+            vec squares[3];
+            for (int c = 0; c < 3; c++)
+                squares[c] = sum_down(across[c], r, v, 0);
+            global const float *here = stats + INDEX(stats, 0, y + r, x + v * WIDTH);
+            STORE(ssim_of(squares, here, here + stats_move, stats_plane, c1, c2), line);
             for (int i = 0; i < WIDTH && x + v * WIDTH + i < width; i++)
                 AT(out, 0, y + r, x + v * WIDTH + i) = line[i];
         }

@@ -108,7 +108,7 @@ kernel void depth_feature(CONST_PLANES(depth), int height, int width, global con
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const float s = 1.f / inverse_scale[0], z = fmax(AT(depth, 0, y, x), 0.f);
+    const float s = 1.f / inverse_scale[0], z = larger(AT(depth, 0, y, x), 0.f);
     AT(out, 0, y, x) = 0.5f * (z - s) / (z + s);
 }
 
@@ -118,7 +118,7 @@ kernel void depth_feature_variance(CONST_PLANES(depth), CONST_PLANES(variance), 
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const float s = inverse_scale[0], z = fmax(AT(depth, 0, y, x), 0.f) * s;
+    const float s = inverse_scale[0], z = larger(AT(depth, 0, y, x), 0.f) * s;
     const float slope = s / ((z + 1.f) * (z + 1.f)); /* d/dz of z s / (z s + 1) */
     AT(out, 0, y, x) = AT(variance, 0, y, x) * slope * slope;
 }

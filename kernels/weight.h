@@ -14,13 +14,13 @@
  * of their variances. */
 INLINE vec excess_of_noise(vec squares, vec here, vec there)
 {
-    return (squares - (here + fmin(here, there))) / (here + there + LEAST_VARIANCE);
+    return (squares - (here + smaller(here, there))) / (here + there + LEAST_VARIANCE);
 }
 
 /* (1 - d / 4)^4 where exp(-d) would do as well: it ends, and costs four operations. x = -d / 4. */
 INLINE vec falloff(vec x)
 {
-    const vec t = clamp((vec)(1.f) + x, (vec)(0.f), (vec)(1.f)), t2 = t * t;
+    const vec t = BOUNDED((vec)(1.f) + x, (vec)(0.f), (vec)(1.f)), t2 = t * t;
     return t2 * t2;
 }
 

@@ -53,6 +53,10 @@ class DeviceInfo:
 SCHEDULE_VARIABLE = "MCDENOISE_SCHEDULE"
 SCHEDULES = ("tile", "group")
 
+#: Work-items along a row. On PoCL 64 to 512 are alike and as fast as what it would choose itself; with several rows to
+#: a group the cheap kernels take up to twice as long.
+PIECE = 128
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -72,6 +76,12 @@ class Shape:
     tile: tuple[int, int]
     deep: tuple[int, int]
     group: tuple[int, int]
+
+    @property
+    def plain(self) -> tuple[int, int]:
+        """(columns, rows) of work-items to a work-group of kernels that leave it open: on CPUs a piece of a row, of
+        which the compiler makes vectors."""
+        return (PIECE, 1) if self.schedule == "tile" else self.group
 
 
 def list_devices() -> list[DeviceInfo]:

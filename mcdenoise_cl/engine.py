@@ -180,9 +180,11 @@ class Engine:
 
         Args:
             stage: the name under which its time is reported.
-            size: global size; rounded up to whole work-groups of `local`.
-            single: one work-item a work-group, as tiles want it on a CPU.
-            local: size of a work-group, for kernels that share local memory; None leaves it to the runtime.
+            size: global size, (columns, rows) or (columns, rows, planes); rounded up to whole work-groups, so that
+                unless `single` is set a kernel must return where its column or row is beyond what there is.
+            single: for work-items that do much each, or rows as a whole: one to a work-group on a CPU; elsewhere the
+                runtime decides.
+            local: size of a work-group, for kernels that share local memory.
         """
         flat: list = []
         for argument in arguments:
@@ -194,10 +196,13 @@ class Engine:
                 flat.append(np.float32(argument))
             else:
                 flat.append(argument)
-        if local is not None:
+        if single:
+            local = (1,) * len(size) if self.shape.width > 1 else None
+        else:
+            # The same for every frame: PoCL compiles a kernel anew for each size of work-group, and what a runtime
+            # makes of a frame whose width is a prime number may be groups of one.
+            local = local or (*self.shape.plain, 1)[: len(size)]
             size = tuple(_round_up(n, group) for n, group in zip(size, local, strict=True))
-        elif single and self.shape.width > 1:
-            local = (1,) * len(size)
         try:
             event = kernel(self.queue, size, local, *flat)
         except cl.MemoryError as error:  # many devices look for memory only now

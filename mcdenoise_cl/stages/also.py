@@ -66,8 +66,8 @@ def count_sums(engine: Engine, bands: Iterable[tuple[Planes, Planes]], height: i
     """Look at a frame of this size that comes in bands: the layers as they are given, and the colour."""
     counted, kernel = engine.zeros(1), engine.kernel("also.cl", "count_sums")
     for layers, color in bands:
-        size = (layers.height,)
-        engine.launch("also", kernel, size, layers, color, layers.channels, layers.height, layers.width, counted)
+        numbers = layers.channels, layers.height, layers.width
+        engine.launch("also", kernel, (layers.height,), layers, color, *numbers, counted, single=True)
     return Sums(counted, math.ceil(ENOUGH * height * width))
 
 

@@ -6,11 +6,21 @@ from ..engine import Engine, Planes
 
 #: Rows that a work-group transposes at a time: 64 bytes, the piece of memory that GPUs write.
 GROUP_BLOCK = 16
+#: The largest radius of windows that a CPU sums as they are.
+LARGEST_DIRECT = 4
 
 
 def box_mean(engine: Engine, image: Planes, radius: int) -> Planes:
     """Mean over the (2 radius + 1)² window around each pixel, borders mirrored, of every plane."""
-    return _pass(engine, _pass(engine, image, radius), radius)
+    if radius > LARGEST_DIRECT or engine.shape.schedule == "group":
+        return _pass(engine, _pass(engine, image, radius), radius)
+    height, width, channels = image.height, image.width, image.channels
+    out = engine.planes(channels, height, width)
+    columns, rows = engine.shape.tile
+    kernel = engine.kernel("box_direct.cl", "box_direct", COLUMNS=columns, ROWS=rows, RADIUS=radius)
+    size = (*engine.tiles(height, width), channels)
+    engine.launch("box", kernel, size, image, height, width, out, 1.0 / (2 * radius + 1), single=True)
+    return out
 
 
 def _pass(engine: Engine, image: Planes, radius: int) -> Planes:
@@ -27,7 +37,7 @@ def _pass(engine: Engine, image: Planes, radius: int) -> Planes:
         each = rows_each(engine, radius)
         kernel = engine.kernel("box.cl", "box_transposed")
         size = (engine.vectors(width), -(-height // each), channels)
-        engine.launch("box", kernel, size, image, height, out, radius, each, 1.0 / window)
+        engine.launch("box", kernel, size, image, height, out, radius, each, 1.0 / window, single=True)
     return out
 
 

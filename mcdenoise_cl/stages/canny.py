@@ -51,10 +51,11 @@ def canny_thresholds(
         return engine.constant([low, high])
     bins, out = engine.zeros(256), engine.memory(8)
     rows = (image.height,)
-    engine.launch("canny", engine.kernel("canny.cl", "histogram"), rows, image, image.height, image.width, bins)
+    histogram = engine.kernel("canny.cl", "histogram")
+    engine.launch("canny", histogram, rows, image, image.height, image.width, bins, single=True)
     kernel = engine.kernel("canny.cl", "thresholds_from_median")
     given = [-1.0 if value is None else float(value) for value in (low, high)]
-    engine.launch("canny", kernel, (1,), bins, image.height * image.width, *given, out)
+    engine.launch("canny", kernel, (1,), bins, image.height * image.width, *given, out, single=True)
     return out
 
 

@@ -92,7 +92,8 @@ def mix_in(
     """
     share = engine.planes(1, current.height, current.width)
     numbers = float(prior), float(doubt), float(margin), float(apart)
-    _launch(engine, "mix_in", share, current, candidate, found, after=numbers)
+    kernel, size = engine.kernel("choice.cl", "mix_in"), (engine.vectors(share.width), share.height)
+    engine.launch("choice", kernel, size, current, candidate, found, share.height, share.width, *numbers, share)
     return share
 
 

@@ -27,9 +27,10 @@ def exposure_of_bands(
     sums, counts, out = engine.memory(4 * height), engine.memory(4 * height), engine.memory(4)
     rows = engine.kernel("exposure.cl", "log_luminance_rows")
     for color, first in bands:
-        engine.launch("exposure", rows, (color.height,), color, color.height, color.width, first, sums, counts)
+        size = color.height, color.width
+        engine.launch("exposure", rows, size[:1], color, *size, first, sums, counts, single=True)
     join = engine.kernel("exposure.cl", "exposure_from_rows")
-    engine.launch("exposure", join, (1,), sums, counts, height, float(key), out)
+    engine.launch("exposure", join, (1,), sums, counts, height, float(key), out, single=True)
     return out
 
 

@@ -12,7 +12,7 @@ def references(engine: Engine, guide: Planes, image: Planes) -> cl.MemoryObjectH
     """The values of the middle pixel, which `guided_filter` counts from: of the guide, then of each channel."""
     out = engine.memory(4 * (1 + image.channels))
     kernel = engine.kernel("guided.cl", "guided_references")
-    engine.launch("guided", kernel, (1,), guide, image, image.channels, image.height, image.width, out)
+    engine.launch("guided", kernel, (1,), guide, image, image.channels, image.height, image.width, out, single=True)
     return out
 
 

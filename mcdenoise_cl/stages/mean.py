@@ -11,6 +11,7 @@ def plane_means(engine: Engine, image: Planes) -> cl.MemoryObjectHolder:
     """The mean of the absolute values of each plane, one float a plane, on the device."""
     rows, out = engine.memory(4 * image.channels * image.height), engine.memory(4 * image.channels)
     kernel = engine.kernel("mean.cl", "row_means")
-    engine.launch("mean", kernel, (image.height, image.channels), image, image.height, image.width, rows)
-    engine.launch("mean", engine.kernel("mean.cl", "plane_means"), (image.channels,), rows, image.height, out)
+    engine.launch("mean", kernel, (image.height, image.channels), image, image.height, image.width, rows, single=True)
+    kernel = engine.kernel("mean.cl", "plane_means")
+    engine.launch("mean", kernel, (image.channels,), rows, image.height, out, single=True)
     return out

@@ -17,6 +17,10 @@ CENTERS = ("one", "largest")
 #: Pixels to a work-item of the group schedule, without and with SSIM; see nlm_group.cl for what they cost.
 GROUP_OUTPUTS = (4, 2)
 
+#: Offsets up to this long to each side share their weights with their opposites in the tile schedule: a tile and what
+#: longer ones would add to it are no less than two tiles.
+LONGEST_SHARED = 8
+
 
 @dataclass(frozen=True)
 class SsimTerm:
@@ -84,6 +88,7 @@ def nlm(
         kernel = engine.kernel("nlm_group.cl", "nlm_group", **cut, **copy_defines(engine, cut, search_radius), **term)
         engine.launch(stage, kernel, items(height, width, cut), *arguments, out, local=engine.shape.group)
     else:
-        kernel = engine.kernel("nlm.cl", "nlm", **engine.tile_defines(patch_radius), **term)
+        cut = engine.tile_defines(patch_radius) | {"SHARED": min(search_radius, LONGEST_SHARED)}
+        kernel = engine.kernel("nlm.cl", "nlm", **cut, **term)
         engine.launch(stage, kernel, engine.tiles(height, width), *arguments, out, single=True)
     return out

@@ -25,7 +25,9 @@ def noise_of_bands(engine: Engine, bands: Iterable[tuple[Planes, Rows]], height:
     for image, rows in bands:
         width = image.width
         size, first = (rows.last - rows.first, 3), rows.first - rows.start
-        engine.launch("noise", laplacian, size, image, image.height, width, first, rows.first, height, sums)
+        engine.launch(
+            "noise", laplacian, size, image, image.height, width, first, rows.first, height, sums, single=True
+        )
     join = engine.kernel("noise.cl", "noise_from_rows")
-    engine.launch("noise", join, (1,), sums, 3, height, width, out)
+    engine.launch("noise", join, (1,), sums, 3, height, width, out, single=True)
     return out

@@ -15,7 +15,7 @@ def pad(
     """
     out = out or engine.planes(planes.channels, planes.height, planes.width, border)
     rows = out.plane // out.row
-    size = (out.row, rows, planes.channels)
+    size = (engine.vectors(out.row), rows, planes.channels)
     kernel = engine.kernel("pad.cl", "pad")
     engine.launch(
         "pad", kernel, size, planes, planes.height, planes.width, out, border, rows, out.row, float(scale), float(shift)

@@ -12,7 +12,7 @@ def patch_statistics(engine: Engine, unit: Planes, patch_radius: int) -> Planes:
         unit: three planes in [0, 1] with a mirrored border of at least `patch_radius`.
     """
     out = engine.planes(6, unit.height, unit.width)
-    kernel = engine.kernel("ssim.cl", "patch_statistics", **engine.tile_defines(patch_radius))
+    kernel = engine.kernel("ssim.cl", "patch_statistics", **engine.tile_defines(patch_radius), SHARED=0)
     engine.launch("ssim", kernel, (engine.vectors(unit.width), unit.height, 3), unit, unit.height, unit.width, out)
     return out
 
@@ -28,7 +28,7 @@ def patch_ssim(
         c1, c2: the constants of eq. 7 for range 1; C3 = c2 / 2.
     """
     out = engine.planes(1, unit.height, unit.width)
-    kernel = engine.kernel("ssim.cl", "patch_ssim", **engine.tile_defines(patch_radius))
+    kernel = engine.kernel("ssim.cl", "patch_ssim", **engine.tile_defines(patch_radius), SHARED=0)
     size = engine.tiles(unit.height, unit.width)
     arguments = (unit, stats, unit.height, unit.width, dx, dy, float(c1), float(c2), out)
     engine.launch("ssim", kernel, size, *arguments, single=True)

@@ -52,7 +52,8 @@ def clip(engine: Engine, planes: Planes, low: float, high: float) -> Planes:
 def first_pixel(engine: Engine, planes: Planes) -> cl.MemoryObjectHolder:
     """The first pixel of every plane, one float each, on the device."""
     out = engine.memory(4 * planes.channels)
-    engine.launch("variance", engine.kernel("variance.cl", "first_pixel"), (1,), planes, planes.channels, out)
+    kernel = engine.kernel("variance.cl", "first_pixel")
+    engine.launch("variance", kernel, (1,), planes, planes.channels, out, single=True)
     return out
 
 
