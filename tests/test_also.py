@@ -74,6 +74,17 @@ def test_a_part_of_the_colour_comes_out_as_that_part_of_the_clean_one(method, ki
         np.testing.assert_array_equal(found.also[name], part * found.image, err_msg=name)
 
 
+def test_what_is_drawn_back_to_its_input():
+    """Where noise explains little of what a fit changes, layers go back as far as the colour does."""
+    scene = {name: plane for name, plane in scene_of("structured", 37, 101).items() if not name.startswith("color_")}
+    scene["color_variance"] = 1e-4 * scene["color"] ** 2
+    color = scene["color"]
+    found = denoise(Frame(**scene), method="auto", also={"quarter": color / 4, "half": color / 2}, details=True)
+    assert found.report.shares["input"] > 0.3
+    np.testing.assert_array_equal(found.also["quarter"], found.image / 4)
+    np.testing.assert_array_equal(found.also["half"], found.image / 2)
+
+
 @pytest.mark.parametrize("parameters", [{}, {"outliers": False}], ids=["outliers", "all"])
 @pytest.mark.parametrize("method", METHODS)
 def test_each_layer_alone_is_what_it_is_among_others(method, parameters):
