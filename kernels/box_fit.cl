@@ -285,10 +285,10 @@ kernel void box_fit_share(CONST_PLANES(left), int height, int width, float noise
     STORE(smaller(noise * expected / larger(squares, (vec)(1e-30f)), (vec)(1.f)), out + INDEX(out, 0, y, x));
 }
 
-/* Of the residual only that share is removed. A fit may overshoot below 0, where light cannot be; only a negative pixel
- * may stay so. */
+/* Of the residual only that share is removed. A fit may overshoot below `darkest`, 0, where light cannot be; only a
+ * negative pixel may stay so. */
 kernel void box_fit_restore(CONST_PLANES(share), CONST_PLANES(color), CONST_PLANES(fitted), int height, int width,
-                            PLANES(out))
+                            float darkest, PLANES(out))
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x * BLOCK >= width || y * BLOCK >= height)
@@ -307,7 +307,7 @@ kernel void box_fit_restore(CONST_PLANES(share), CONST_PLANES(color), CONST_PLAN
             const vec noise = across_columns(shares, before, across);
             for (int k = 0; k < 3; k++) {
                 const vec c = EVERY(color, k, row, column, width), value = EVERY(fitted, k, row, column, width);
-                SPREAD(larger(BLEND(c, value, noise), smaller(c, (vec)(0.f))), out, k, row, column, width);
+                SPREAD(larger(BLEND(c, value, noise), smaller(c, (vec)(darkest))), out, k, row, column, width);
             }
         }
     }

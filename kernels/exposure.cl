@@ -100,8 +100,8 @@ inline vec expanded(vec light)
 
 /* Back to light, as a change of the colour that was compressed, so that what compression rounds off stays: a pixel
  * that the average left alone comes out to the last bit. */
-kernel void expand(CONST_PLANES(in), int height, int width, global const float *restrict exposure,
-                   CONST_PLANES(color), PLANES(out))
+kernel void expand(CONST_PLANES(in), CONST_PLANES(color), int height, int width,
+                   global const float *restrict exposure, PLANES(out))
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
@@ -109,4 +109,42 @@ kernel void expand(CONST_PLANES(in), int height, int width, global const float *
     const vec before = VECTOR_AT(color, c, y, x);
     const vec change = expanded(VECTOR_AT(in, c, y, x)) - expanded(compressed(exposure[0] * before));
     STORE(before + change / exposure[0], out + INDEX(out, c, y, x));
+}
+
+/* What the kernels above do to a colour, done to a layer of it: curves are scales, each pixel and channel its own, that
+ * the colour says, and a mean of scaled light is linear in the light. */
+
+/* layer: becomes the part of the compressed colour that it is of the colour. */
+kernel void compress_also(CONST_PLANES(layer), CONST_PLANES(color), int height, int width,
+                          global const float *restrict exposure, PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const vec light = exposure[0] * VECTOR_AT(color, c, y, x);
+    STORE(exposure[0] * VECTOR_AT(layer, c, y, x) / (1.f + fabs(light)), out + INDEX(out, c, y, x));
+}
+
+/* in, averaged: means of the compressed layer and of the compressed colour. */
+kernel void expand_also(CONST_PLANES(in), CONST_PLANES(layer), CONST_PLANES(color), CONST_PLANES(averaged), int height,
+                        int width, global const float *restrict exposure, PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const vec before = VECTOR_AT(layer, c, y, x), light = exposure[0] * VECTOR_AT(color, c, y, x);
+    const vec own = exposure[0] * before / (1.f + fabs(light)), tone = compressed(light);
+    const vec old = own / larger((vec)(1.f) - fabs(tone), (vec)(1e-6f));
+    const vec mean = VECTOR_AT(in, c, y, x) / larger((vec)(1.f) - fabs(VECTOR_AT(averaged, c, y, x)), (vec)(1e-6f));
+    STORE(before + (mean - old) / exposure[0], out + INDEX(out, c, y, x));
+}
+
+/* in * to / from: what has become of a colour that was `from` and is `to`; 0 where there was none. */
+kernel void scale_as(CONST_PLANES(in), CONST_PLANES(from), CONST_PLANES(to), int height, int width, PLANES(out))
+{
+    const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const vec before = VECTOR_AT(from, c, y, x), scaled = VECTOR_AT(in, c, y, x) * (VECTOR_AT(to, c, y, x) / before);
+    STORE(before > 0.f ? scaled : (vec)(0.f), out + INDEX(out, c, y, x));
 }

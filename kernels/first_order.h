@@ -74,18 +74,18 @@ INLINE void add_ridges(fits *m, int terms, const fits *least, float ridge
 }
 
 /* Colours are fitted as differences from `base`, which is added again here: a fit reproduces a constant, and this way to
- * the last bit. A fit may overshoot below 0, where light cannot be; only a negative pixel may stay so. The fourth colour
- * is a difference of halves. color and out point at the pixel in the first plane of each. (No `restrict` here: inlined,
- * it becomes an intrinsic that some simulators lack.) */
-INLINE void store_fit(const vec result[COLORS], const float base[COLORS], global const float *color, int color_plane,
-                      global float *out, int out_plane)
+ * the last bit. A fit may overshoot below `darkest`, 0, where light cannot be; only a negative pixel may stay so. The
+ * fourth colour is a difference of halves. color and out point at the pixel in the first plane of each. (No `restrict`
+ * here: inlined, it becomes an intrinsic that some simulators lack.) */
+INLINE void store_fit(const vec result[COLORS], const float base[COLORS], float darkest, global const float *color,
+                      int color_plane, global float *out, int out_plane)
 {
     for (int k = 0; k < COLORS; k++) {
-        const vec value = base[k] + result[k], least = smaller(LOAD(color + k * color_plane), (vec)(0.f));
+        const vec value = base[k] + result[k], least = smaller(LOAD(color + k * color_plane), (vec)(darkest));
         STORE(k < 3 ? larger(value, least) : value, out + k * out_plane);
     }
 }
 #define STORE_FIT(result, base, y, x, out) \
-    store_fit(result, base, stack + INDEX(stack, FEATURES, y, x), stack_plane, out + INDEX(out, 0, y, x), out##_plane)
+    store_fit(result, base, darkest, stack + INDEX(stack, FEATURES, y, x), stack_plane, out + INDEX(out, 0, y, x), out##_plane)
 
 #endif

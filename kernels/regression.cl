@@ -150,6 +150,7 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
                     CONST_PLANES(noise), global const float *restrict blocks, int blocks_across,
 #endif
                     int height, int width, float bandwidth, float ridge, float noise_ridge, float position_ridge,
+                    float darkest,
 #ifdef WITH_INNER
                     PLANES(inner),
 #endif

@@ -162,6 +162,7 @@ void regress(constant float2 *offsets, CONST_PLANES(tone), CONST_PLANES(variance
              CONST_PLANES(noise), global const float *restrict blocks, int blocks_across,
 #endif
              int height, int width, float bandwidth, float ridge, float noise_ridge, float position_ridge,
+             float darkest,
 #ifdef WITH_INNER
              PLANES(inner),
 #endif

@@ -41,6 +41,13 @@ inline float between_blocks(int i, int *before)
 #define BLOCK_AT(y, x) \
     (float4)(AT(removed, 0, y, x), AT(removed, 1, y, x), AT(removed, 2, y, x), AT(bright, 0, y, x))
 
+/* At most half as much again, whatever a fit has left of the surroundings. */
+inline float gain_of(float4 here)
+{
+    const float mean = (here.x + here.y + here.z) / 3.f;
+    return 1.f + 0.5f * mean / larger(larger(here.w, mean), 1e-9f);
+}
+
 /* A work-item takes SCALE pixels of a row. The image is rows `first` to `first + rows` of a frame of `height`. */
 kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(bright), int height, int width, int first,
                       int rows, PLANES(out))
@@ -65,11 +72,43 @@ kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(b
             return;
         const float across = between_blocks(i, &before);
         const float4 here = mix(blocks[1 - before], blocks[2 - before], across);
-        const float mean = (here.x + here.y + here.z) / 3.f;
-        /* at most half as much again, whatever a fit has left of the surroundings */
-        const float gain = 1.f + 0.5f * mean / larger(larger(here.w, mean), 1e-9f);
+        const float gain = gain_of(here);
         AT(out, 0, y, x) = (AT(image, 0, y, x) + 0.5f * here.x) * gain;
         AT(out, 1, y, x) = (AT(image, 1, y, x) + 0.5f * here.y) * gain;
         AT(out, 2, y, x) = (AT(image, 2, y, x) + 0.5f * here.z) * gain;
+    }
+}
+
+/* The same for three planes of a layer, of which `own` was removed, with the gain that the colour has. */
+#define OWN_AT(y, x) (float3)(AT(own, 0, y, x), AT(own, 1, y, x), AT(own, 2, y, x))
+kernel void give_back_also(CONST_PLANES(image), CONST_PLANES(own), CONST_PLANES(removed), CONST_PLANES(bright), int height,
+                           int width, int first, int rows, PLANES(out))
+{
+    const int bx = get_global_id(0), y = get_global_id(1);
+    const int last = (width - 1) / SCALE, bottom = (height - 1) / SCALE;
+    if (bx > last || y >= rows)
+        return;
+    int before;
+    const float down = between_blocks((first + y) % SCALE, &before);
+    const int row = (first + y) / SCALE - before;
+    const int top = max(row, 0), next = min(row + 1, bottom);
+    float4 blocks[3];
+    float3 owns[3];
+    for (int i = 0; i < 3; i++) {
+        const int x = clamp(bx + i - 1, 0, last);
+        blocks[i] = mix(BLOCK_AT(top, x), BLOCK_AT(next, x), down);
+        owns[i] = mix(OWN_AT(top, x), OWN_AT(next, x), down);
+    }
+#pragma unroll
+    for (int i = 0; i < SCALE; i++) {
+        const int x = bx * SCALE + i;
+        if (x >= width)
+            return;
+        const float across = between_blocks(i, &before);
+        const float3 back = mix(owns[1 - before], owns[2 - before], across);
+        const float gain = gain_of(mix(blocks[1 - before], blocks[2 - before], across));
+        AT(out, 0, y, x) = (AT(image, 0, y, x) + 0.5f * back.x) * gain;
+        AT(out, 1, y, x) = (AT(image, 1, y, x) + 0.5f * back.y) * gain;
+        AT(out, 2, y, x) = (AT(image, 2, y, x) + 0.5f * back.z) * gain;
     }
 }

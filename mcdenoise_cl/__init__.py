@@ -7,6 +7,7 @@ from .batch import denoise_files
 from .details import Denoised, Report
 from .errors import DeviceError, ExrError, FrameError, McdenoiseError, ParameterError, RenderError
 from .exr import read_exr, write_exr
+from .exr_also import read_also
 from .frame import Frame
 from .methods import methods
 
@@ -24,6 +25,7 @@ __all__ = [
     "denoise",
     "denoise_files",
     "methods",
+    "read_also",
     "read_exr",
     "write_exr",
 ]

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pyopencl as cl
 import pyopencl.array as cl_array
 
-from .bands import Filtered, budget_of, fewer_rows, filter_frame, first_guess, least_rows
+from .also import PREFIX, check_layers
+from .bands import Filtered, budget_of, fewer_rows, filter_frame, first_guess, least_rows, most_rows
 from .choose import pick_device
 from .details import Denoised, Report, error_map, make_report, model_map
 from .device import Shape, context_for, device_errors
@@ -86,6 +88,7 @@ class Denoiser:
         self._engine.budget = budget_of(self._engine.device, max_memory_mb)
         self._rows = first_guess(self.height, self.width, self._engine.budget, self._least_rows)
         self._last: tuple[Filtered, tuple[str, ...], cl.MemoryObjectHolder] | None = None
+        self._also: dict[str, Any] = {}
 
     def _errors(self) -> contextlib.AbstractContextManager[None]:
         return device_errors(self._name, self._device)
@@ -132,17 +135,37 @@ class Denoiser:
         with self._lock, self._errors():
             return error_map(self._last_frame()[0].summaries(True))
 
+    @property
+    def also(self) -> dict[str, Any]:
+        """The clean layers of the last frame, by the names under which they came; empty if none did.
+
+        Raises:
+            ParameterError: no frame has been denoised yet.
+        """
+        with self._lock:
+            self._last_frame()
+            return dict(self._also)
+
     def _last_frame(self) -> tuple[Filtered, tuple[str, ...], cl.MemoryObjectHolder]:
         if self._last is None:
             raise ParameterError("there is no report yet: denoise a frame first")
         return self._last
 
-    def __call__(self, frame_or_color: Frame | np.ndarray | cl_array.Array, *, out: Any = None, **planes: Any) -> Any:
+    def __call__(
+        self,
+        frame_or_color: Frame | np.ndarray | cl_array.Array,
+        *,
+        out: Any = None,
+        also: Mapping[str, Any] | None = None,
+        **planes: Any,
+    ) -> Any:
         """Denoise one frame.
 
         Args:
             frame_or_color: a `Frame`, or its colour, with the other planes as keywords.
             out: an array of the frame's shape and side (host or device) to write to, any supported dtype.
+            also: further layers by name, (H, W, 3) like the colour, to be filtered with what is found for it. They come
+                in `Denoiser.also`, each in its dtype; see `denoise`.
             **planes: `albedo=`, `normal=`, ... where `frame_or_color` is an array.
 
         Returns:
@@ -156,8 +179,10 @@ class Denoiser:
         """
         frame = as_frame(frame_or_color, planes)
         self._check(frame, out)
+        layers = check_layers(also, frame)
+        run = self._run_device if frame.on_device else self._run_host
         with self._lock, self._errors():
-            return self._run_device(frame, out) if frame.on_device else self._run_host(frame, out)
+            return run(frame, layers, out)
 
     def _check(self, frame: Frame, out: Any) -> None:
         if frame.shape != (self.height, self.width):
@@ -185,41 +210,58 @@ class Denoiser:
         present = frame.planes()
         return {name: present[name] for name in self.method.takes(present)}
 
-    def _run_host(self, frame: Frame, out: np.ndarray | None) -> np.ndarray:
+    def _run_host(self, frame: Frame, layers: dict[str, np.ndarray], out: np.ndarray | None) -> np.ndarray:
         engine = self._engine
         engine.start()
         alive = []  # what is uploaded must not go before the queue has taken it
         try:
             arrays = {}
-            for name, plane in self._used(frame).items():
+            for name, plane in (self._used(frame) | layers).items():
                 arrays[name], host = upload(engine, plane)
                 alive.append(host)
-            return self._download(arrays, frame, out)
+            return self._download(arrays, frame, layers, out)
         except BaseException:
             with contextlib.suppress(cl.Error):  # where the device is gone, nothing reads them any more
                 engine.queue.finish()
             raise
 
-    def _download(self, arrays: dict[str, Strided], frame: Frame, out: np.ndarray | None) -> np.ndarray:
-        wanted = np.dtype(frame.color.dtype) if out is None else out.dtype
-        dtype = np.dtype("f4") if wanted == np.float64 else wanted
-        size = 3 * self.height * self.width * dtype.itemsize
-        target = Strided(self._engine.frame_memory(size), dtype, 3, 0, (3 * self.width, 3, 1))
-        self._filter(arrays, target)
+    def _download(
+        self, arrays: dict[str, Strided], frame: Frame, layers: dict[str, np.ndarray], out: np.ndarray | None
+    ) -> np.ndarray:
+        dtypes = [frame.color.dtype if out is None else out.dtype, *(layer.dtype for layer in layers.values())]
+        color, *others = (self._room_for(dtype) for dtype in dtypes)
+        self._filter(arrays, tuple(layers), color, others)
         if self._replaced(*self._last[1:]).get("color") == self.height * self.width:
             raise FrameError("color has no finite pixel: there is nothing to denoise, so look at the renderer")
-        direct = out is not None and out.dtype == dtype and out.flags.c_contiguous
-        result = out if direct else np.empty((self.height, self.width, 3), dtype)
-        cl.enqueue_copy(self.queue, result, target.buffer, is_blocking=True)
+        direct = out is not None and out.dtype == color.dtype and out.flags.c_contiguous
+        result = self._fetch(color, out if direct else None)
+        found = (self._fetch(place).astype(dtype, copy=False) for place, dtype in zip(others, dtypes[1:], strict=True))
+        self._also = self._named(layers, found)
         if out is None:
-            return result.astype(wanted, copy=False)
+            return result.astype(dtypes[0], copy=False)
         if not direct:
             out[...] = result
         return out
 
-    def _run_device(self, frame: Frame, out: cl_array.Array | None) -> cl_array.Array:
+    def _room_for(self, wanted: np.dtype) -> Strided:
+        """For a picture that goes to the host: float64 becomes so there."""
+        dtype = np.dtype("f4") if wanted == np.float64 else np.dtype(wanted)
+        size = 3 * self.height * self.width * dtype.itemsize
+        return Strided(self._engine.frame_memory(size), dtype, 3, 0, (3 * self.width, 3, 1))
+
+    def _fetch(self, place: Strided, to: np.ndarray | None = None) -> np.ndarray:
+        result = np.empty((self.height, self.width, 3), place.dtype) if to is None else to
+        cl.enqueue_copy(self.queue, result, place.buffer, is_blocking=True)
+        return result
+
+    def _named(self, layers: Iterable[str], found: Iterable[Any]) -> dict[str, Any]:
+        return {name.removeprefix(PREFIX): layer for name, layer in zip(layers, found, strict=True)}
+
+    def _run_device(
+        self, frame: Frame, layers: dict[str, cl_array.Array], out: cl_array.Array | None
+    ) -> cl_array.Array:
         engine = self._engine
-        used = self._used(frame)
+        used = self._used(frame) | layers
         if out is not None:
             used["out"] = out
         for name, array in used.items():
@@ -233,24 +275,33 @@ class Denoiser:
             cl.enqueue_barrier(engine.queue, wait_for=waits)
         engine.start()
         used.pop("out", None)
+        shape = self.height, self.width, 3
         if out is None:
-            out = cl_array.empty(engine.queue, (self.height, self.width, 3), frame.color.dtype)
-        self._filter({name: strided(array) for name, array in used.items()}, strided(out))
-        out.add_event(cl.enqueue_marker(engine.queue))
+            out = cl_array.empty(engine.queue, shape, frame.color.dtype)
+        others = [cl_array.empty(engine.queue, shape, layer.dtype) for layer in layers.values()]
+        arrays = {name: strided(array) for name, array in used.items()}
+        self._filter(arrays, tuple(layers), strided(out), [strided(array) for array in others])
+        for array in (out, *others):
+            array.add_event(cl.enqueue_marker(engine.queue))
+        self._also = self._named(layers, others)
         return out
 
-    def _filter(self, arrays: dict[str, Strided], target: Strided) -> None:
+    def _filter(
+        self, arrays: dict[str, Strided], layers: tuple[str, ...], target: Strided, others: Sequence[Strided]
+    ) -> None:
         """Fewer rows at a time until there is room for them; how many is remembered for the next frame."""
         engine, method, p = self._engine, self.method, self.parameters
         self._last = None  # what it keeps takes room
+        self._also = {}
         while True:
-            bad = engine.zeros(len(PLANES))
-            source = Source(engine, arrays, self.height, self.width, bad, self._rows)
+            bad = engine.zeros(len(arrays))
+            most = max(min(self._rows, most_rows(self.width, len(layers))), self._least_rows)
+            source = Source(engine, arrays, self.height, self.width, bad, most, layers)
             try:
-                found = filter_frame(engine, method, source, p, target)
+                found = filter_frame(engine, method, source, p, target, others)
                 break
             except NoRoomError as error:
-                rows = fewer_rows(self._rows, self._least_rows)
+                rows = fewer_rows(most, self._least_rows)
                 if rows is None:
                     raise self._no_room(error) from error
                 self._rows = rows
@@ -272,9 +323,9 @@ class Denoiser:
         )
 
     def _replaced(self, names: tuple[str, ...], bad: cl.MemoryObjectHolder) -> dict[str, int]:
-        counts = np.empty(len(PLANES), np.int32)
+        counts = np.empty(len(names), np.int32)
         cl.enqueue_copy(self.queue, counts, bad, is_blocking=True)
-        return {name: int(count) for name, count in zip(names, counts, strict=False) if count}
+        return {name: int(count) for name, count in zip(names, counts, strict=True) if count}
 
 
 def as_frame(frame_or_color: Any, planes: dict[str, Any]) -> Frame:
@@ -305,6 +356,7 @@ def denoise(
     preset: str | None = None,
     device: str | int | cl.Device | None = None,
     out: Any = None,
+    also: Mapping[str, Any] | None = None,
     details: bool = False,
     max_memory_mb: int | None = None,
     **parameters: Any,
@@ -321,7 +373,13 @@ def denoise(
         preset: "fast", "balanced" or "high" instead of a method; "high" if neither is given.
         device: index, part of a name, or `pyopencl.Device`, for NumPy input; None: the default device.
         out: an array of the same shape and side to write the result to.
-        details: return a `Denoised`, with the maps of what was used where and of the estimated error.
+        also: further layers by name, (H, W, 3) of the colour's side, to be filtered with the weights, models and shares
+            found for the colour, which stays the same to the last bit. Layers that sum to the colour sum to the clean
+            one, to about 1e-6 of what lies in the window; one may go a little below 0 where a fit overshoots. The clean
+            layers are in `Denoised.also`, so pass `details`. With `average="tonemapped"` a layer is filtered as a part
+            of each pixel, and is 0 where the colour is.
+        details: return a `Denoised`, with the layers of `also`, the maps of what was used where and of the estimated
+            error.
         max_memory_mb: MiB that may be kept at a time besides input and output; see `Denoiser`.
         **parameters: the method's, by name: see `methods()`.
 
@@ -370,5 +428,7 @@ def denoise(
         max_memory_mb=max_memory_mb,
         **parameters,
     )
-    image = denoiser(frame, out=out)
-    return Denoised(image, denoiser.model_map, denoiser.error_map, denoiser.report) if details else image
+    image = denoiser(frame, out=out, also=also)
+    if not details:
+        return image
+    return Denoised(image, denoiser.model_map, denoiser.error_map, denoiser.report, also=denoiser.also)

@@ -38,6 +38,17 @@ from .methods.parameters import parse
     metavar="PLANE=NAME",
     help=f"The layer of a plane, where it is not recognised; none leaves the plane out. Planes: {', '.join(PLANES)}.",
 )
+@click.option(
+    "--also",
+    metavar="NAME,...",
+    help="Further RGB layers to filter with what is found for the colour, so that light AOVs still sum to it.",
+)
+@click.option(
+    "--layers",
+    "automatic",
+    type=click.Choice(["auto"]),
+    help="auto: instead of --also all layers that in groups sum to the colour.",
+)
 @click.option("--samples", type=COUNT, metavar="N", help="Samples per pixel, where the file does not tell.")
 @devices_option
 @click.option(
@@ -63,6 +74,8 @@ def denoise(
     preset: str | None,
     settings: tuple[str, ...],
     layers: tuple[str, ...],
+    also: str | None,
+    automatic: str | None,
     samples: int | None,
     device: str | None,
     max_memory_mb: int | None,
@@ -75,7 +88,8 @@ def denoise(
     """Denoise EXR files.
 
     INPUT is a file, a folder of *.exr, a pattern such as 'shots/*/beauty.exr', or a sequence such as shot.####.exr or
-    shot.%04d.exr. Only the colour is replaced: the outputs keep every other layer of the inputs.
+    shot.%04d.exr. Only the colour is replaced, and the layers of --also: the outputs keep every other layer of the
+    inputs.
 
     Of several files those whose output is up to date are skipped: it was made of the same files (by size and time)
     with the same options. Outputs that are out of date are made again. Without --force nothing else is replaced.
@@ -83,6 +97,7 @@ def denoise(
     \b
     mcdenoise denoise noisy.exr -o clean.exr
     mcdenoise denoise frames/ -o clean/ --preset balanced
+    mcdenoise denoise noisy.exr -o clean.exr --also diffuse,specular
     mcdenoise denoise 'shot.####.exr' --frames 1-240 -o clean/ --device all
     mcdenoise denoise --halves seed1.exr seed2.exr -o clean.exr
     """
@@ -95,10 +110,17 @@ def denoise(
         raise usage("INPUT or --halves A B is needed, one of them")
     if method is not None and preset is not None:
         raise usage(f"--method {method} and --preset {preset} are both given: a preset is a method, so give one")
+    if also is not None and automatic is not None:
+        raise usage(f"--also {also} and --layers {automatic} are both given: give one")
     name, parameters = settle(method, preset, {})
     parameters |= _parameters(name, settings)
     recipe = Recipe.of(
-        name, layers=_layers(layers), samples_per_pixel=samples, max_memory_mb=max_memory_mb, **parameters
+        name,
+        layers=_layers(layers),
+        samples_per_pixel=samples,
+        max_memory_mb=max_memory_mb,
+        also=automatic or _names(also),
+        **parameters,
     )
     given = [halves] if halves else inputs
     to_folder = len(given) > 1 or os.path.isdir(output) or output.endswith(("/", os.sep))  # noqa: PTH112
@@ -137,6 +159,14 @@ def _parameters(method: str, pairs: Sequence[str]) -> dict[str, Any]:
             raise usage(f"--set has {name!r}, but method {method} has the parameters {', '.join(known)}")
         values[name] = parse(known[name], text)
     return values
+
+
+def _names(text: str | None) -> tuple[str, ...]:
+    """Names of layers from what --also was given."""
+    names = [name.strip() for name in (text or "").split(",")]
+    if text is not None and not all(names):
+        raise usage(f"--also is {text!r}, but names of layers separated by commas are needed")
+    return tuple(names) if text is not None else ()
 
 
 def _layers(pairs: Sequence[str]) -> dict[str, str]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,8 @@ class Report:
         device: name and runtime.
         exposure: factor before tonemapping.
         noise_level: standard deviation of the noise found in the tonemapped colours.
-        replaced: pixels replaced because they were not finite, by plane; planes without any are left out.
+        replaced: pixels replaced because they were not finite, by plane, and by "also.NAME" for further layers; those
+            without any are left out.
         energy_removed: part of the frame's light that was taken from outliers and spread; 0 where none were looked for.
         features_used: part of the frame, 0 to 1, in which each feature carried something for the fits; only for
             methods that fit, and features that are there.
@@ -61,6 +62,7 @@ class Denoised:
             the input's outliers left out; None where the method does not estimate it.
         report: see `Report`.
         candidates: names of the candidates, from the simplest.
+        also: the clean layers by name, each of its dtype and of the side the frame came from; empty if none were given.
     """
 
     image: Any
@@ -68,6 +70,7 @@ class Denoised:
     error_map: np.ndarray | None
     report: Report
     candidates: tuple[str, ...] = CANDIDATES
+    also: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,9 @@ COLUMNS, ROWS, _SLACK = 64, 16, 16
 # few places of a cache.
 _APART = 16
 
+#: The largest float32.
+LARGEST = float(np.finfo(np.float32).max)
+
 
 def _round_up(n: int, to: int) -> int:
     return -(-n // to) * to

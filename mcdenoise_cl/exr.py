@@ -85,13 +85,13 @@ def frame_of(
     samples_per_pixel: int | None = None,
 ) -> Frame:
     """The frame in the parts of a file; all else as for `read_exr`."""
-    known, wanted, color = _layers_of(path, parts, layers)
+    known, wanted, color = layers_of(path, parts, layers)
     metadata = _metadata(path, parts, color, samples_per_pixel)
     samples = metadata.get("samples_per_pixel")
 
     def is_direction(layer: Layer) -> bool:
         # A mean of unit vectors is at most 1 long; a little more under a filter with negative lobes.
-        squared = np.sum(np.square(_stack(parts, layer).astype(np.float64)), axis=-1)
+        squared = np.sum(np.square(stacked(parts, layer).astype(np.float64)), axis=-1)
         return bool(np.all(squared[np.isfinite(squared)] <= 1.25**2))
 
     # In a file of many parts, only those over the pixels of the colour.
@@ -101,9 +101,9 @@ def frame_of(
     planes = {}
     for plane, layer in list(found.items()):
         if moment_base(layer) is None or not plane.endswith("_variance"):
-            planes[plane] = _stack(parts, layer)
+            planes[plane] = stacked(parts, layer)
         elif (base := _mean_of(in_window, layer)) is not None and samples is not None and samples > 1:
-            planes[plane] = _variance_of_mean(_stack(parts, base), _stack(parts, layer), samples)
+            planes[plane] = _variance_of_mean(stacked(parts, base), stacked(parts, layer), samples)
         elif plane in wanted:
             raise ExrError(
                 f"{path}: {layer.title} holds second moments, which need the layer of their means and at least "
@@ -124,6 +124,7 @@ def write_exr(
     *,
     template: str | os.PathLike[str] | None = None,
     layers: Mapping[str, str] | None = None,
+    also: Mapping[str, np.ndarray] | None = None,
     compression: str | OpenEXR.Compression | None = None,
     dtype: Any = None,
 ) -> None:
@@ -141,6 +142,7 @@ def write_exr(
             viewers show. Under a lossy compression the kept half and float layers are compressed once more, so
             they are not bit-exact. Of mipmapped tiles only the full resolution is kept.
         layers: as for `read_exr`; of the template only `color` matters.
+        also: further images, (H, W, 3), by the names of the template's RGB layers whose place they take.
         compression: "none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab", or another that
             OpenEXR knows; by default the template's, else "zip".
         dtype: float16 or float32 for the planes, except variances, which half cannot hold; by default what the
@@ -161,11 +163,17 @@ def write_exr(
     planes = _host_planes(image)
     packing = None if compression is None else _check_compression(compression)
     stored = None if dtype is None else _check_dtype(dtype)
+    if also and template is None:
+        raise ExrError("also is given but template is not: pass the file that has these layers")
     if template is None:
         metadata = image.metadata if isinstance(image, Frame) else {}
         parts = [_own_part(planes, metadata, COMPRESSIONS["zip"] if packing is None else packing, stored)]
     else:
         parts = replace_color(template, load(template), planes["color"], layers, stored)
+        if also:
+            from .exr_also import replace_also  # which builds on this file
+
+            parts = replace_also(template, parts, also, layers, stored)
         if packing is not None:
             parts = [p if p.deep else replace(p, header=p.header | {"compression": packing}) for p in parts]
     save(path, parts)
@@ -184,7 +192,7 @@ def _own_part(
         if dtype is not None and not plane.endswith("_variance"):
             kind = dtype
         split = [pixels] if pixels.ndim == 2 else [pixels[..., c] for c in range(3)]
-        channels |= {name: (_cast(p, kind), False) for name, p in zip(OWN_CHANNELS[plane], split, strict=True)}
+        channels |= {name: (cast(p, kind), False) for name, p in zip(OWN_CHANNELS[plane], split, strict=True)}
     header = {"type": OpenEXR.scanlineimage, "compression": compression, **_attributes(metadata)}
     return Part(header, channels, False)
 
@@ -198,7 +206,7 @@ def replace_color(
 ) -> list[Part]:
     """The parts of the file `template` with the image in the place of its colour, and without our stamp."""
     parts = [replace(part, header={k: v for k, v in part.header.items() if k != STAMP}) for part in parts]
-    found, _, color = _layers_of(template, parts, layers)
+    found, _, color = layers_of(template, parts, layers)
     color = result_layer(found, color)
     old = {name: parts[color.part].channels[name] for name in color.channels}
     shape = old[color.channels[0]][0].shape
@@ -207,14 +215,14 @@ def replace_color(
             f"the image is {image.shape[:2]} but the colour of {template} is {shape}: height and width must be the same"
         )
     new = {
-        name: (_cast(image[..., c], dtype or pixels.dtype), linear)
+        name: (cast(image[..., c], dtype or pixels.dtype), linear)
         for c, (name, (pixels, linear)) in enumerate(old.items())
     }
     parts[color.part] = replace(parts[color.part], channels=parts[color.part].channels | new)
     return parts
 
 
-def _layers_of(
+def layers_of(
     path: str | os.PathLike[str], parts: Sequence[Part], asked: Mapping[str, str] | None
 ) -> tuple[list[Layer], dict[str, Layer | None], Layer]:
     """The layers of a file, those a user asked for by plane, and the one that is the colour."""
@@ -246,7 +254,7 @@ def _mean_of(layers: Sequence[Layer], moment: Layer) -> Layer | None:
     return next((c for c in layers if c.name == moment_base(moment) and len(c.channels) == count), None)
 
 
-def _stack(parts: Sequence[Part], layer: Layer) -> np.ndarray:
+def stacked(parts: Sequence[Part], layer: Layer) -> np.ndarray:
     """(H, W, 3) of a layer of three channels, (H, W) of one."""
     pixels = [parts[layer.part].channels[name][0] for name in layer.channels]
     return pixels[0] if len(pixels) == 1 else np.stack(pixels, axis=-1)
@@ -342,7 +350,8 @@ def _host_planes(image: Any) -> dict[str, np.ndarray]:
         raise ExrError(f"the image cannot be written: {error}") from None
 
 
-def _cast(pixels: np.ndarray, dtype: np.dtype) -> np.ndarray:
+def cast(pixels: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Pixels as OpenEXR stores them; what half cannot hold becomes the most it can."""
     if dtype == np.float16 and pixels.dtype != np.float16:
         pixels = np.clip(pixels, -HALF_MAX, HALF_MAX)
     # OpenEXR ignores strides: anything but a contiguous array would be written scrambled.

@@ -75,7 +75,7 @@ class Frame:
             raise FrameError(f"metadata is a {type(self.metadata).__name__}: pass a dict, or leave it out")
         for name, plane in self.planes().items():
             _check_type(name, plane)
-            _check_shape(name, plane, tuple(self.color.shape[:2]))
+            _check_shape(name, plane, tuple(self.color.shape[:2]), scalar=name in SCALAR_PLANES)
         if (self.color_a is None) != (self.color_b is None):
             have, lack = ("color_a", "color_b") if self.color_b is None else ("color_b", "color_a")
             raise FrameError(f"{have} is given but {lack} is not: pass both half buffers, or neither")
@@ -107,6 +107,16 @@ class Frame:
         return {name: plane for name, plane in present.items() if plane is not None}
 
 
+def check_vector(name: str, plane: Any, size: tuple[int, int]) -> None:
+    """Whether something is an array of three channels that goes with a frame of this height and width.
+
+    Raises:
+        FrameError: it is not.
+    """
+    _check_type(name, plane)
+    _check_shape(name, plane, size, scalar=False)
+
+
 def _check_type(name: str, plane: Any) -> None:
     if not isinstance(plane, np.ndarray | cl_array.Array):
         raise FrameError(
@@ -125,11 +135,11 @@ def _check_type(name: str, plane: Any) -> None:
         raise FrameError(f"{name} is a masked array, whose mask would be lost: fill it first, {name}.filled(0)")
 
 
-def _check_shape(name: str, plane: Any, size: tuple[int, int]) -> None:
+def _check_shape(name: str, plane: Any, size: tuple[int, int], *, scalar: bool) -> None:
     shape = tuple(plane.shape)
     if 0 in shape:
         raise FrameError(f"{name} is {shape}, which has no pixels: a frame needs at least one")
-    if name in SCALAR_PLANES:
+    if scalar:
         if len(shape) != 2:
             channel_last = len(shape) == 3 and shape[:2] == size
             hint = f"pass one channel, {name}[..., 0]" if channel_last else "pass one value a pixel"

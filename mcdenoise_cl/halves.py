@@ -81,9 +81,7 @@ def mean_of_halves(a: Frame, b: Frame, *, names: Sequence[Any] = ("a", "b")) -> 
     if np.array_equal(a.color, b.color, equal_nan=True) and np.ptp(a.color) > 0:
         raise FrameError(f"{names[0]} and {names[1]} hold the same pixels: render two halves with different seeds")
     samples = [frame.metadata.get("samples_per_pixel") for frame in (a, b)]
-    weights = (0.5, 0.5)
-    if None not in samples:
-        weights = tuple(count / sum(samples) for count in samples)
+    weights = weights_of_halves(a, b)
     planes = {"color_a": _float(a.color), "color_b": _float(b.color)}
     for plane in PLANES:
         one, other = getattr(a, plane), getattr(b, plane)
@@ -92,7 +90,7 @@ def mean_of_halves(a: Frame, b: Frame, *, names: Sequence[Any] = ("a", "b")) -> 
         mean = plane.removesuffix("_variance")
         if one is not None and other is not None:
             powers = weights if plane == mean else tuple(weight**2 for weight in weights)
-            planes[plane] = _sum(one, other, powers)
+            planes[plane] = weighted_sum(one, other, powers)
         elif plane == mean or (getattr(a, mean) is None) != (getattr(b, mean) is None):
             planes[plane] = _float(one if other is None else other)
     layers = dict(b.metadata.get("layers", {})) | dict(a.metadata.get("layers", {}))
@@ -104,7 +102,14 @@ def mean_of_halves(a: Frame, b: Frame, *, names: Sequence[Any] = ("a", "b")) -> 
     return Frame(**planes, metadata=metadata)
 
 
-def _sum(one: np.ndarray, other: np.ndarray, weights: tuple[float, float]) -> np.ndarray:
+def weights_of_halves(a: Frame, b: Frame) -> tuple[float, float]:
+    """What each half is of their mean: by their samples per pixel where both tell, else a half."""
+    samples = [frame.metadata.get("samples_per_pixel") for frame in (a, b)]
+    return (0.5, 0.5) if None in samples else (samples[0] / sum(samples), samples[1] / sum(samples))
+
+
+def weighted_sum(one: np.ndarray, other: np.ndarray, weights: tuple[float, float]) -> np.ndarray:
+    """float32, with weights such as those of `weights_of_halves`."""
     with np.errstate(over="ignore", invalid="ignore"):  # the door counts and replaces what is not finite
         return np.float32(weights[0]) * _float(one) + np.float32(weights[1]) * _float(other)
 

@@ -20,9 +20,10 @@ from .api import Denoiser
 from .details import Report
 from .errors import DeviceError, ExrError, FrameError, McdenoiseError, ParameterError
 from .exr import STAMP, frame_of, replace_color
+from .exr_also import also_of, replace_also
 from .exr_file import Part, load, save
 from .frame import Frame
-from .halves import mean_of_halves, partner
+from .halves import mean_of_halves, partner, weighted_sum, weights_of_halves
 from .methods import get_method, settle
 from .methods.parameters import make, shown
 from .quiet import hushed
@@ -65,7 +66,8 @@ class Recipe:
         layers: plane and layer, as for `read_exr`.
         samples_per_pixel: as for `read_exr`.
         max_memory_mb: as for `Denoiser`; has no influence on the result.
-        also: further layers to filter like the colour, or "auto".
+        also: names of further layers to filter with what is found for the colour, or "auto": those that in groups
+            sum to it.
         temporal: how many frames before and after are used.
 
     Example:
@@ -123,7 +125,8 @@ class Outcome:
     Attributes:
         source, target: the file read and the file written.
         report: what the denoiser did, where it did.
-        layers: plane -> the layer it was read from, of the planes the method used.
+        layers: plane -> the layer it was read from, of the planes the method used; under "also" the names of the layers
+            that were filtered with the colour.
         error: why the file failed. Where there is neither report nor error it was skipped.
         reason: why it was done, or skipped.
         notes: what its user may not expect.
@@ -148,7 +151,7 @@ class Outcome:
 class Material:
     """A job that has been read: the frame, its neighbours, the file it goes back into, and the stamp of the result.
 
-    `frame` is None once it has been denoised.
+    `frame` is None once it has been denoised. `also`: the layers that are filtered with it, by their names.
     """
 
     frame: Frame | None
@@ -156,6 +159,7 @@ class Material:
     parts: Sequence[Part]
     stamp: str
     notes: tuple[str, ...] = ()
+    also: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -165,6 +169,7 @@ class Clean:
     image: np.ndarray
     report: Report
     layers: Mapping[str, str]
+    also: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 #: The parts of a file and the frame in them; a cache may stand in for it.
@@ -223,9 +228,10 @@ def read_job(job: Job, recipe: Recipe, reader: Reader | None = None) -> Material
     # Before the files are read: whoever changes one meanwhile is noticed by the next run.
     text = stamp(job, recipe)
     parts, frame = read(job.source)
+    also = also_of(job.source, parts, recipe.also, frame, dict(recipe.layers))
+    images, neighbours, notes = also.images, [], list(also.notes)
     if job.halves is not None:
-        frame = _halves(job.halves, read)
-    neighbours, notes = [], []
+        frame, images = _halves(job.halves, read), _halves_also(job.halves, read, images, dict(recipe.layers))
     for path in job.neighbours if recipe.temporal else ():
         try:
             beside = read(path)[1] if job.halves is None else _halves((path, partner(path)), read)
@@ -236,7 +242,7 @@ def read_job(job: Job, recipe: Recipe, reader: Reader | None = None) -> Material
             neighbours.append(beside)
         else:
             notes.append(f"done without its neighbour {path}, which is {beside.shape} and not {frame.shape}")
-    return Material(frame, tuple(neighbours), parts, text, tuple(notes))
+    return Material(frame, tuple(neighbours), parts, text, tuple(notes), images)
 
 
 def reader_for(recipe: Recipe) -> Reader:
@@ -254,6 +260,18 @@ def _halves(paths: tuple[Path, Path], read: Reader) -> Frame:
     return mean_of_halves(*(read(path)[1] for path in paths), names=paths)
 
 
+def _halves_also(
+    paths: tuple[Path, Path], read: Reader, images: Mapping[str, np.ndarray], layers: Mapping[str, str]
+) -> dict[str, np.ndarray]:
+    """The layers of two halves as one: `images`, those of the first, with the same of the second."""
+    if not images:
+        return {}
+    first, (parts, second) = read(paths[0])[1], read(paths[1])
+    beside = also_of(paths[1], parts, tuple(images), second, layers).images
+    weights = weights_of_halves(first, second)
+    return {name: weighted_sum(image, beside[name], weights) for name, image in images.items()}
+
+
 def write_job(job: Job, recipe: Recipe, material: Material, clean: Clean) -> None:
     """Write the result beside everything else its source held, with a stamp of how it was made.
 
@@ -267,6 +285,7 @@ def write_job(job: Job, recipe: Recipe, material: Material, clean: Clean) -> Non
         reason = getattr(error, "strerror", None) or error
         raise ExrError(f"{folder} cannot be made ({reason}): give another output folder") from None
     parts = replace_color(job.source, material.parts, clean.image, dict(recipe.layers))
+    parts = replace_also(job.source, parts, clean.also, dict(recipe.layers))
     parts[0] = replace(parts[0], header=parts[0].header | {STAMP: material.stamp})
     save(job.target, parts)
 
@@ -296,7 +315,7 @@ class Denoisers:
             try:
                 denoiser = self._for(frame, recipe)
                 extra = {"neighbours": list(material.neighbours)} if material.neighbours else {}
-                image, report = denoiser(frame, **extra), denoiser.report
+                image, report, also = denoiser(frame, also=material.also, **extra), denoiser.report, denoiser.also
             except FrameError as error:
                 raise FrameError(f"{frame.metadata['source']}: {error}") from error
             except DeviceError:
@@ -304,7 +323,8 @@ class Denoisers:
                 raise
         used = denoiser.method.takes(frame.planes())
         named = {plane: layer for plane, layer in frame.metadata["layers"].items() if plane in used}
-        return Clean(image, report, named)
+        named |= {"also": ",".join(also)} if also else {}
+        return Clean(image, report, named, also)
 
     def _for(self, frame: Frame, recipe: Recipe) -> Denoiser:
         key = frame.shape, recipe.method, recipe.parameters, recipe.max_memory_mb

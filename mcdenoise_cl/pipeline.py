@@ -167,7 +167,7 @@ class _Line:
                 self._fail(item, error)
                 continue
             item.seconds["denoise"] = time.perf_counter() - started
-            item.material = replace(item.material, frame=None, neighbours=())  # writing has no need of them
+            item.material = replace(item.material, frame=None, neighbours=(), also={})  # writing has no need of them
             if self._stopped.is_set():
                 return
             try:

@@ -44,13 +44,15 @@ SMALL, WHOLE = (5, 11), (17, 67)
 
 @dataclass(frozen=True)
 class Case:
-    """One call: a method, the planes it gets besides the colour, their dtype, and parameters that keep it short."""
+    """One call: a method, the planes it gets besides the colour, their dtype, parameters that keep it short, and how
+    many further layers are filtered with the colour."""
 
     method: str
     planes: tuple[str, ...] = ()
     dtype: str = "f4"
     packed: bool = True
     parameters: dict[str, Any] = field(default_factory=dict)
+    layers: int = 0
 
 
 NLM = {"search_radius": 1, "patch_radius": 1}
@@ -58,9 +60,9 @@ FIT = {"search_radius": 2, "patch_radius": 1}
 AUTO = {**FIT, "wide_radius": 1, "wide_stride": 2, "spread_radius": 32}
 
 CASES = {
-    "nlm": Case("nlm", parameters=NLM),
+    "nlm": Case("nlm", parameters=NLM, layers=2),
     "nlm-linear": Case("nlm", dtype="f2", parameters={**NLM, "average": "linear", "curve": "clip", "center": "one"}),
-    "nlm-tonemapped": Case("nlm", packed=False, parameters={**NLM, "average": "tonemapped", "exposure": 0.5}),
+    "nlm-tonemapped": Case("nlm", packed=False, parameters={**NLM, "average": "tonemapped", "exposure": 0.5}, layers=1),
     "ssim-nlm": Case("ssim-nlm", FEATURES, parameters=NLM),
     "ssim-nlm-printed": Case(
         "ssim-nlm",
@@ -68,16 +70,16 @@ CASES = {
         parameters={**NLM, "stabilised": False, "canny_low": 0.1, "canny_high": 0.3, "canny_sigma": 0.0},
     ),
     "regression-color": Case("regression", parameters={**FIT, "outliers": False}),
-    "regression-depth": Case("regression", ("depth",), packed=False, parameters={**FIT, "spread_radius": 2}),
+    "regression-depth": Case("regression", ("depth",), packed=False, parameters={**FIT, "spread_radius": 2}, layers=1),
     "regression": Case("regression", (*FEATURES, *VARIANCES, KNOWN), parameters=FIT),
     "guided-color": Case("guided", parameters={"outliers": False}),
     "guided-exact": Case("guided", FEATURES, dtype="f8", parameters={"block": 1, "radius": 1}),
-    "guided": Case("guided", (*FEATURES, *VARIANCES, KNOWN)),
+    "guided": Case("guided", (*FEATURES, *VARIANCES, KNOWN), layers=1),
     "guided-prefilter": Case(
         "guided", (*FEATURES, "normal_variance", *HALVES), parameters={"prefilter": True, "block": 3}
     ),
     "auto-color": Case("auto", parameters=AUTO),
-    "auto-halves": Case("auto", ("normal", "normal_variance", *HALVES), dtype="f2", parameters=AUTO),
+    "auto-halves": Case("auto", ("normal", "normal_variance", *HALVES), dtype="f2", parameters=AUTO, layers=1),
     "auto": Case("auto", (*FEATURES, *VARIANCES, *HALVES, KNOWN), parameters=AUTO),
     "auto-inliers": Case("auto", ("albedo", *HALVES), parameters={**AUTO, "outliers": False}),
 }
@@ -115,7 +117,7 @@ def tight() -> Iterator[None]:
 
 
 def run_case(queue: cl.CommandQueue, case: Case, size: tuple[int, int] = SMALL, small: bool = True) -> dict[str, Any]:
-    """Everything that one case makes of a frame: the image, both maps and the numbers of the report.
+    """Everything that one case makes of a frame: the image, its layers, both maps and the numbers of the report.
 
     The planes go to the device first: some simulators take the host's own memory for uninitialised. `small` cuts the
     work as `small_shape` says; else as the device wants it.
@@ -126,10 +128,13 @@ def run_case(queue: cl.CommandQueue, case: Case, size: tuple[int, int] = SMALL, 
     if small:
         denoiser.use_shape(small_shape(shape_for(queue.device)))
     # Neither the planes nor the result go before the end: see `fresh` on what oclgrind makes of freed buffers.
-    result = denoiser(Frame(**planes))
+    shares = np.linspace(0.1, 0.9, size[1], dtype=case.dtype)[:, None] / max(case.layers, 1)
+    layers = {str(i): _on_device(queue, frame(*size)["color"] * shares, case) for i in range(case.layers)}
+    result = denoiser(Frame(**planes), also=layers)
     image, report = result.get(), denoiser.report
     found = {"image": image, "model_map": denoiser.model_map, "error_map": denoiser.error_map}
     numbers = (report.exposure, report.noise_level, report.energy_removed, report.estimated_error)
+    found |= {f"layer {name}": layer.get() for name, layer in denoiser.also.items()}
     found |= {"numbers": np.array(numbers, float), "replaced": report.replaced}
     return found | {"shares": report.shares, "features_used": report.features_used}
 

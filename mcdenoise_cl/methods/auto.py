@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from ..engine import Engine, Planes
+from ..stages.also import blend_also, fit_also
 from ..stages.box import box_mean
 from ..stages.choice import (
     SMOOTHING_RADIUS,
@@ -90,38 +91,47 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     frame = prepare(engine, planes, p, facts)
     noisy = stack(engine, [frame.color, _half_difference(engine, planes, frame, facts)], 0)
     terms = terms_for(engine, frame, max(p.search_radius, p.wide_radius * p.wide_stride), facts)
-    current, narrow = first_order_regression(
+    fit = partial(
+        first_order_regression,
         engine,
         frame.color,
         channel_sum(engine, frame.variance),
         terms,
-        noisy,
         search_radius=p.search_radius,
         patch_radius=p.patch_radius,
         bandwidth=p.bandwidth,
         with_inner=True,
         **ridges(p),
     )
-    (wide,) = first_order_regression(
+    (current, also), (narrow, also_narrow) = fit_also(engine, fit, noisy, frame.also)
+    fit = partial(
+        first_order_regression,
         engine,
         current.part(0, 3),
         variance_left(engine, current),
         terms,
-        current,
         search_radius=p.wide_radius,
         patch_radius=1,
         stride=p.wide_stride,
         bandwidth=p.wide_bandwidth,
         **ridges(p),
     )
+    ((wide, also_wide),) = fit_also(engine, fit, current, also)
+
+    def mix_layers_in(candidate: Planes | None, share: Planes) -> None:
+        if also is not None:
+            blend_also(engine, also, candidate, share)
+
     target = Target(
         noisy, box_mean(engine, luminance_noise(engine, frame.variance), 1), luminance_around(engine, current)
     )
     # The wide fit takes half where nothing is known: two estimates of like error average to a better one.
     found = compare(engine, current, wide, target, tracking=p.tracking, limit=LIMIT)
     wide_share = mix_in(engine, current, wide, found, prior=0.5, doubt=p.doubt, margin=0.0, apart=APART)
+    mix_layers_in(also_wide, wide_share)
     found = compare(engine, current, narrow, target, tracking=-p.tracking, limit=LIMIT)
     narrow_share = mix_in(engine, current, narrow, found, prior=0.0, doubt=p.doubt, margin=0.0)
+    mix_layers_in(also_narrow, narrow_share)
     filtered = stack(engine, [current], 0)
 
     known = "color_variance" in planes
@@ -129,11 +139,12 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
         target = replace(target, noise=luminance_noise(engine, frame.raw_variance))
     found = compare(engine, current, noisy, target, tracking=0.0, limit=LIMIT, known=True)
     input_share = mix_in(engine, current, noisy, found, prior=1.0, doubt=KEEP, margin=p.caution)
+    mix_layers_in(frame.also, input_share)
     if known or "color_a" in planes:
-        shrink_to_input(engine, current, noisy, frame.raw_variance, input_share)
+        shrink_to_input(engine, current, noisy, frame.raw_variance, input_share, also, frame.also)
     error = partial(estimated_error, engine, filtered, target, input_share)
     shares = parts_of_mix(engine, wide_share, narrow_share, input_share)
-    return finish(engine, frame, current.part(0, 3), p, terms, facts, shares=shares, error=error)
+    return finish(engine, frame, current.part(0, 3), also, p, terms, facts, shares=shares, error=error)
 
 
 def _half_difference(engine: Engine, planes: dict[str, Planes], frame: Prepared, facts: Facts | None) -> Planes:

@@ -7,9 +7,11 @@ import math
 import pyopencl as cl
 
 from ..engine import Engine, Planes
+from ..stages.also import hold_back_also
 from ..stages.exposure import inverse_geometric_mean
 from ..stages.outliers import scale_outliers
 from ..stages.prefilter import prefilter
+from ..stages.source import ALSO
 from ..stages.variance import (
     about,
     clip,
@@ -52,6 +54,16 @@ def hold_back_outliers(
     from_samples = "color_variance" in planes
     significant = SIGNIFICANT if from_samples or "color_a" in planes else math.inf
     return scale_outliers(engine, color, variance, limit, significant, by_chance=not from_samples)
+
+
+def exposed_layers(
+    engine: Engine, planes: dict[str, Planes], exposure: cl.MemoryObjectHolder, factor: Planes | None
+) -> tuple[Planes | None, Planes | None]:
+    """Further layers in exposed units, scaled where outliers of the colour were, and what that removed."""
+    if ALSO not in planes:
+        return None, None
+    layers = scale(engine, planes[ALSO], exposure)
+    return layers, hold_back_also(engine, layers, factor) if factor else None
 
 
 def plain_feature(

@@ -14,6 +14,7 @@ from ..stages.box import rows_each
 from ..stages.box_fit import LIGHT_RADIUS, box_fit
 from ..stages.outliers import spread_removed
 from ..stages.pad import stack
+from ..stages.source import ALSO
 from ..stages.variance import scale_back
 from .facts import Facts, exposed
 from .features import (
@@ -22,6 +23,7 @@ from .features import (
     FEATURES,
     REACH,
     color_variance,
+    exposed_layers,
     features,
     hold_back_outliers,
     no_variance,
@@ -84,11 +86,12 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     """Door to exit without the door and the exit: planes in, planes out."""
     exposure, color, level = exposed(engine, planes["color"], p.exposure, facts)
     variance = color_variance(engine, planes, color, exposure)
-    removed = None
+    removed = factor = None
     if p.outliers:
-        removed, _ = hold_back_outliers(engine, planes, color, variance, p.outlier_limit)
+        removed, factor = hold_back_outliers(engine, planes, color, variance, p.outlier_limit)
+    also, also_removed = exposed_layers(engine, planes, exposure, factor)
     guides, noise = _guides(engine, planes, p.prefilter, facts)
-    out = box_fit(
+    out, also = box_fit(
         engine,
         color,
         variance,
@@ -103,12 +106,23 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
         floor=p.floor,
         residual_noise=p.residual_noise,
         first=facts.rows.start if facts else 0,
+        also=also,
     )
     if facts is None:
         if removed is not None:
-            out = spread_removed(engine, out, removed, p.spread_radius)
+            out, also = spread_removed(engine, out, removed, p.spread_radius, also, also_removed)
         out = scale_back(engine, out, exposure, planes["color"])
-    return Result(out, exposure, level, removed=removed, kept=color, exposed=facts is not None)
+        also = scale_back(engine, also, exposure, planes[ALSO]) if also else None
+    return Result(
+        out,
+        exposure,
+        level,
+        removed=removed,
+        kept=color,
+        also=also,
+        also_removed=also_removed,
+        exposed=facts is not None,
+    )
 
 
 def _guides(

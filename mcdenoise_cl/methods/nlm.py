@@ -5,12 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..engine import ROWS, Engine, Planes
-from ..stages.exposure import CURVES, auto_exposure, compress, expand, tonemap, tonemap_inverse
+from ..stages.also import each_layer
+from ..stages.exposure import (
+    CURVES,
+    auto_exposure,
+    compress,
+    compress_also,
+    expand,
+    expand_also,
+    scale_as,
+    tonemap,
+    tonemap_inverse,
+)
 from ..stages.nlm import CENTERS, SsimTerm
 from ..stages.nlm import nlm as nlm_stage
 from ..stages.noise import noise_level
-from ..stages.pad import pad
-from ..stages.source import Source
+from ..stages.pad import pad, stack
+from ..stages.source import ALSO, Source
 from .facts import Facts, exposure_of, noise_of
 from .parameters import parameter
 from .result import Result
@@ -66,11 +77,14 @@ def align(engine: Engine, p: Parameters) -> int:
 
 def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts | None = None) -> Result:
     """Door to exit without the door and the exit: planes in, planes out."""
-    return filter_colors(engine, planes["color"], p, None, facts)
+    return filter_colors(engine, planes, p, None, facts)
 
 
-def filter_colors(engine: Engine, color: Planes, p: Parameters, ssim: SsimTerm | None, facts: Facts | None) -> Result:
+def filter_colors(
+    engine: Engine, planes: dict[str, Planes], p: Parameters, ssim: SsimTerm | None, facts: Facts | None
+) -> Result:
     """Tonemap, estimate the noise, and average with the weights of eq. 5, or of eq. 8 where `ssim` is given."""
+    color = planes["color"]
     if facts is not None:
         exposure = facts.exposure
     else:
@@ -78,26 +92,38 @@ def filter_colors(engine: Engine, color: Planes, p: Parameters, ssim: SsimTerm |
     tone = tonemap(engine, color, exposure, p.curve)
     level = facts.noise_level if facts else noise_level(engine, tone)
     border = p.search_radius + p.patch_radius
-    tone = pad(engine, tone, border)
+    padded = pad(engine, tone, border)
+
+    def average(light: Planes) -> Planes:
+        return nlm_stage(
+            engine,
+            padded,
+            padded if light is tone else pad(engine, light, p.search_radius),
+            search_radius=p.search_radius,
+            patch_radius=p.patch_radius,
+            patch_sigma=p.patch_radius / 2 if p.patch_sigma is None else p.patch_sigma,
+            noise_level=level if p.h is None else engine.constant([1.0]),
+            h_factor=p.h_factor if p.h is None else p.h,
+            center=p.center,
+            ssim=ssim,
+        )
+
     if p.average == "tonemapped":
-        averaged = tone
-    else:
-        light = compress(engine, color, exposure) if p.average == "compressed" else color
-        averaged = pad(engine, light, p.search_radius)
-    out = nlm_stage(
-        engine,
-        tone,
-        averaged,
-        search_radius=p.search_radius,
-        patch_radius=p.patch_radius,
-        patch_sigma=p.patch_radius / 2 if p.patch_sigma is None else p.patch_sigma,
-        noise_level=level if p.h is None else engine.constant([1.0]),
-        h_factor=p.h_factor if p.h is None else p.h,
-        center=p.center,
-        ssim=ssim,
-    )
-    if p.average == "tonemapped":
-        out = tonemap_inverse(engine, out, exposure, p.curve)
+        averaged = average(tone)
+        out = tonemap_inverse(engine, averaged, exposure, p.curve)
     elif p.average == "compressed":
-        out = expand(engine, out, exposure, color)
-    return Result(out, exposure, level)
+        averaged = average(compress(engine, color, exposure))
+        out = expand(engine, averaged, exposure, color)
+    else:
+        out = averaged = average(color)
+    layers = []
+    for layer in each_layer(planes.get(ALSO)):
+        if p.average == "tonemapped":
+            part = average(scale_as(engine, layer, color, tone))
+            layers.append(scale_as(engine, part, averaged, out))
+        elif p.average == "compressed":
+            part = average(compress_also(engine, layer, color, exposure))
+            layers.append(expand_also(engine, part, layer, color, averaged, exposure))
+        else:
+            layers.append(average(layer))
+    return Result(out, exposure, level, also=stack(engine, layers, 0) if layers else None)

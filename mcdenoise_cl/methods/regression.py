@@ -7,17 +7,19 @@ their variances, the variance of the colour or two half buffers; what is missing
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pyopencl as cl
 
 from ..engine import Engine, Planes
+from ..stages.also import fit_also
 from ..stages.box import rows_each
 from ..stages.luminance import smooth_variance
 from ..stages.outliers import spread_removed
 from ..stages.pad import stack
 from ..stages.regression import first_order_regression
-from ..stages.source import Source
+from ..stages.source import ALSO, Source
 from ..stages.terms import BLOCK_ROWS, Terms, choose_terms
 from ..stages.variance import channel_sum, scale, scale_back
 from .facts import Facts, exposed, exposure_of, first_normal_of, inverse_depth_of, noise_of
@@ -27,6 +29,7 @@ from .features import (
     FEATURES,
     REACH,
     color_variance,
+    exposed_layers,
     features,
     hold_back_outliers,
 )
@@ -74,6 +77,8 @@ class Prepared:
         removed, factor: what was taken from outliers, and what each pixel was multiplied by; None if they stayed.
         features, noise: stacked planes of the features and of the variance they have left; None without any.
         names: the feature that each plane belongs to.
+        also_given, also, also_removed: further layers of the colour as they came, exposed and scaled as it was, and
+            what they lost by that; None without any, or where outliers stayed.
     """
 
     exposure: cl.MemoryObjectHolder
@@ -87,6 +92,9 @@ class Prepared:
     features: Planes | None
     noise: Planes | None
     names: tuple[str, ...]
+    also_given: Planes | None
+    also: Planes | None
+    also_removed: Planes | None
 
 
 def prepare(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts | None = None) -> Prepared:
@@ -96,12 +104,27 @@ def prepare(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Fac
     removed = factor = None
     if p.outliers:
         removed, factor = hold_back_outliers(engine, planes, color, variance, p.outlier_limit)
+    also, also_removed = exposed_layers(engine, planes, exposure, factor)
     groups = features(engine, planes, facts)
     both = [stack(engine, list(each), 0) for each in zip(*groups, strict=True)] or [None, None]
     names = [name for name in FEATURES if name in planes]
     names = [name for name, (feature, _) in zip(names, groups, strict=True) for _ in range(feature.channels)]
     smooth = smooth_variance(engine, variance, color, 2)
-    return Prepared(exposure, level, planes["color"], color, variance, smooth, removed, factor, *both, tuple(names))
+    return Prepared(
+        exposure,
+        level,
+        planes["color"],
+        color,
+        variance,
+        smooth,
+        removed,
+        factor,
+        *both,
+        tuple(names),
+        planes.get(ALSO),
+        also,
+        also_removed,
+    )
 
 
 def survey(engine: Engine, source: Source, p: Parameters) -> Facts:
@@ -137,24 +160,26 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     """Door to exit without the door and the exit: planes in, planes out."""
     frame = prepare(engine, planes, p, facts)
     terms = terms_for(engine, frame, p.search_radius, facts)
-    (out,) = first_order_regression(
+    fit = partial(
+        first_order_regression,
         engine,
         frame.color,
         channel_sum(engine, frame.variance),
         terms,
-        frame.color,
         search_radius=p.search_radius,
         patch_radius=p.patch_radius,
         bandwidth=p.bandwidth,
         **ridges(p),
     )
-    return finish(engine, frame, out, p, terms, facts)
+    ((out, also),) = fit_also(engine, fit, frame.color, frame.also)
+    return finish(engine, frame, out, also, p, terms, facts)
 
 
 def finish(
     engine: Engine,
     frame: Prepared,
     out: Planes,
+    also: Planes | None,
     p: Parameters,
     terms: Terms | None,
     facts: Facts | None = None,
@@ -166,8 +191,9 @@ def finish(
     """
     if facts is None:
         if frame.removed is not None:
-            out = spread_removed(engine, out, frame.removed, p.spread_radius)
+            out, also = spread_removed(engine, out, frame.removed, p.spread_radius, also, frame.also_removed)
         out = scale_back(engine, out, frame.exposure, frame.given)
+        also = scale_back(engine, also, frame.exposure, frame.also_given) if also else None
     return Result(
         out,
         frame.exposure,
@@ -176,6 +202,8 @@ def finish(
         kept=frame.color,
         feature_names=frame.names,
         terms=terms,
+        also=also,
+        also_removed=frame.also_removed,
         exposed=facts is not None,
         **found,
     )

@@ -24,6 +24,8 @@ class Result:
         feature_names, terms: the feature of each plane that colours were fitted to, and which of them were used where.
         shares: what each of `auto.CANDIDATES` contributes, one plane each, their sum 1. None for a single filter.
         error: makes the plane of the estimated relative squared error, for those who ask; None where there is none.
+        also: further layers of the frame, filtered as the colour was, three planes each; None without any.
+        also_removed: what they lost where the colour's outliers were.
         exposed: the colours are still exposed, and lack what was removed: light goes further than a band.
     """
 
@@ -36,4 +38,6 @@ class Result:
     terms: Terms | None = None
     shares: Planes | None = None
     error: Callable[[], Planes] | None = None
+    also: Planes | None = None
+    also_removed: Planes | None = None
     exposed: bool = False

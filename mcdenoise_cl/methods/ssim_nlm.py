@@ -82,4 +82,4 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     if not p.stabilised:
         p = replace(p, stabiliser=0.0, center="one")
     term = SsimTerm(unit, stats, p.ssim_c1, p.ssim_c2, p.stabiliser)
-    return nlm.filter_colors(engine, planes["color"], p, term, facts)
+    return nlm.filter_colors(engine, planes, p, term, facts)

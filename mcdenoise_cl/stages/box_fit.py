@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..engine import Engine, Planes
+from ..engine import LARGEST, Engine, Planes
+from .also import bound_also, each_layer
 from .box import box_mean
 
 #: Radius of the box, in pixels, whose mean luminance says what errors are relative to.
@@ -25,7 +26,8 @@ def box_fit(
     floor: float,
     residual_noise: float,
     first: int = 0,
-) -> Planes:
+    also: Planes | None = None,
+) -> tuple[Planes, Planes | None]:
     """Fit the colours by linear functions of the features, and give back what of the residual is not noise.
 
     One function a block is fitted by least squares over the blocks around it, samples weighted by
@@ -47,9 +49,10 @@ def box_fit(
         residual_noise: what noise explains of the residual, in units of the variance; 0 gives `color` back.
         first: row of the frame at which the planes begin, a multiple of `block`: windows are joined in stretches that
             begin with the first row of the frame.
+        also: further layers, three planes each, filtered with the weights and shares of `color`.
 
     Returns:
-        Three planes; not below 0 where the pixel is not.
+        Three planes; not below 0 where the pixel is not. And those of `also`.
     """
     height, width = color.height, color.width
     rows, columns = -(-height // block), -(-width // block)
@@ -67,23 +70,37 @@ def box_fit(
     launch("luminance", (engine.vectors(width), height), color, height, width, light)
     light = box_mean(engine, light, LIGHT_RADIUS)
 
-    group = 1 + (count + 3) + count * (count + 1) // 2 + 3 * count
-    groups, joined = engine.planes(group, rows, columns), engine.planes(group, columns, rows)
-    window = 2 * radius + 1
-    launch("blocks", blocks, light, color, *guides, *noises, height, width, float(relative), float(noise_ridge), groups)
-    phase = first // block % window
-    size = engine.vectors(columns), -(-(rows + phase) // window)
-    launch("columns", size, groups, rows, columns, phase, joined)
-    fit = engine.planes(3 * (count + 1), rows, columns)
-    size = engine.vectors(rows), -(-columns // window)
-    launch("solve", size, joined, columns, rows, float(ridge), float(floor), fit)
-    del groups, joined
-    fit = box_mean(engine, fit, radius)
+    def fitted(target: Planes) -> tuple[Planes, Planes]:
+        """What the features explain of three planes, and the squares of what they do not."""
+        group = 1 + (count + 3) + count * (count + 1) // 2 + 3 * count
+        groups, joined = engine.planes(group, rows, columns), engine.planes(group, columns, rows)
+        window = 2 * radius + 1
+        numbers = height, width, float(relative), float(noise_ridge)
+        launch("blocks", blocks, light, target, *guides, *noises, *numbers, groups)
+        phase = first // block % window
+        size = engine.vectors(columns), -(-(rows + phase) // window)
+        launch("columns", size, groups, rows, columns, phase, joined)
+        fit = engine.planes(3 * (count + 1), rows, columns)
+        size = engine.vectors(rows), -(-columns // window)
+        launch("solve", size, joined, columns, rows, float(ridge), float(floor), fit)
+        del groups, joined
+        fit = box_mean(engine, fit, radius)
+        out, left = engine.planes(3, height, width), engine.planes(2, rows, columns)
+        launch("apply", blocks, fit, light, target, variance, *guides, height, width, float(relative), out, left)
+        return out, left
 
-    fitted, residual = engine.planes(3, height, width), engine.planes(2, rows, columns)
-    launch("apply", blocks, fit, light, color, variance, *guides, height, width, float(relative), fitted, residual)
+    def restored(target: Planes, fit: Planes, out: Planes) -> None:
+        launch("restore", blocks, share, target, fit, height, width, 0.0 if also is None else -LARGEST, out)
+
+    fit, residual = fitted(color)
     residual = box_mean(engine, residual, residual_radius)
     share, out = engine.planes(1, rows, columns), engine.planes(3, height, width)
     launch("share", blocks, residual, rows, columns, float(residual_noise), share)
-    launch("restore", blocks, share, color, fitted, height, width, out)
-    return out
+    restored(color, fit, out)
+    if also is None:
+        return out, None
+    layers = engine.planes(also.channels, height, width)
+    for layer, filtered in zip(each_layer(also), each_layer(layers), strict=True):
+        restored(layer, fitted(layer)[0], filtered)
+    bound_also(engine, out, color, layers, also)
+    return out, layers

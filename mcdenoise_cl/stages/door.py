@@ -81,6 +81,7 @@ def door(
     rows: Rows | None = None,
     count: bool = True,
     lost: float = 0.0,
+    out: Planes | None = None,
 ) -> Planes:
     """Interleaved to planar float32; a pixel that is not finite becomes the mean of its nearest finite pixels.
 
@@ -90,13 +91,14 @@ def door(
         rows: those to let in; None for all.
         count: whether pixels that were replaced in the wanted rows are to be counted.
         lost: what a pixel becomes where none within 8 is finite.
+        out: planes to write to; None for new ones.
 
     Returns:
         Planes (channels, H, W) of these rows.
     """
     channels = array.channels
     rows = rows or Rows(0, height, 0, height)
-    out = engine.planes(channels, rows.stop - rows.start, width)
+    out = out or engine.planes(channels, rows.stop - rows.start, width)
     packed = {"PACKED": None} if array.strides[1:] == ((channels, 1) if channels > 1 else (1, 0)) else {}
     kernel = engine.kernel("door.cl", "door", CHANNELS=channels, **packed, **type_define(engine, array.dtype, "SOURCE"))
     size = engine.vectors(width), out.height

@@ -49,27 +49,45 @@ def inverse_geometric_mean_of_bands(
 
 def tonemap(engine: Engine, color: Planes, exposure: cl.MemoryObjectHolder, curve: str = "clip") -> Planes:
     """(f(exposure * color))^(1/2.2), with f(x) = clip(x, 0, 1), or x / (1 + x) for the curve "reinhard"."""
-    return _map(engine, "tonemap", color, exposure, CURVES.index(curve))
+    return _map(engine, "tonemap", color, after=(exposure, CURVES.index(curve)))
 
 
 def tonemap_inverse(engine: Engine, tone: Planes, exposure: cl.MemoryObjectHolder, curve: str = "clip") -> Planes:
     """The colour that `tonemap` maps to `tone`, for tone in [0, 1]."""
-    return _map(engine, "tonemap_inverse", tone, exposure, CURVES.index(curve))
+    return _map(engine, "tonemap_inverse", tone, after=(exposure, CURVES.index(curve)))
 
 
 def compress(engine: Engine, color: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
     """x / (1 + |x|) of x = exposure * color: for averages that a firefly cannot dominate."""
-    return _map(engine, "compress", color, exposure)
+    return _map(engine, "compress", color, after=(exposure,))
 
 
 def expand(engine: Engine, compressed: Planes, exposure: cl.MemoryObjectHolder, color: Planes) -> Planes:
     """The inverse of `compress`, for values in (-1, 1); where nothing changed, `color` to the last bit."""
-    return _map(engine, "expand", compressed, exposure, color)
+    return _map(engine, "expand", compressed, color, after=(exposure,))
 
 
-def _map(engine: Engine, name: str, planes: Planes, exposure: cl.MemoryObjectHolder, *more: int | Planes) -> Planes:
-    out = engine.planes(planes.channels, planes.height, planes.width)
-    size = (engine.vectors(planes.width), planes.height, planes.channels)
+def compress_also(engine: Engine, layer: Planes, color: Planes, exposure: cl.MemoryObjectHolder) -> Planes:
+    """The part of a compressed colour that a layer of it is: exposure * layer / (1 + |exposure * color|)."""
+    return _map(engine, "compress_also", layer, color, after=(exposure,))
+
+
+def expand_also(
+    engine: Engine, part: Planes, layer: Planes, color: Planes, averaged: Planes, exposure: cl.MemoryObjectHolder
+) -> Planes:
+    """What `expand` does to `averaged`, done to a layer's part of it; where nothing changed, the layer itself."""
+    return _map(engine, "expand_also", part, layer, color, averaged, after=(exposure,))
+
+
+def scale_as(engine: Engine, layer: Planes, before: Planes, after: Planes) -> Planes:
+    """layer * after / before; 0 where `before` is not above 0."""
+    return _map(engine, "scale_as", layer, before, after)
+
+
+def _map(engine: Engine, name: str, *inputs: Planes, after: tuple = ()) -> Planes:
+    first = inputs[0]
+    out = engine.planes(first.channels, first.height, first.width)
+    size = (engine.vectors(first.width), first.height, first.channels)
     kernel = engine.kernel("exposure.cl", name)
-    engine.launch("tonemap", kernel, size, planes, planes.height, planes.width, exposure, *more, out)
+    engine.launch("tonemap", kernel, size, *inputs, first.height, first.width, *after, out)
     return out

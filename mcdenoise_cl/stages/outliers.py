@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..engine import Engine, Planes
+from .also import each_layer
 from .box import box_mean
 from .pad import pad
 
@@ -42,16 +43,27 @@ def scale_outliers(
     return removed, factor
 
 
-def spread_removed(engine: Engine, image: Planes, removed: Planes, radius: int) -> Planes:
-    """Give the removed energy back: blurred by three box means, half of it evenly, half in proportion to brightness."""
+def spread_removed(
+    engine: Engine,
+    image: Planes,
+    removed: Planes,
+    radius: int,
+    also: Planes | None = None,
+    also_removed: Planes | None = None,
+) -> tuple[Planes, Planes | None]:
+    """Give the removed energy back: blurred by three box means, half of it evenly, half in proportion to brightness.
+
+    To further layers likewise, what they lost, in proportion to the brightness of the image.
+    """
     light = Light(engine, image.height, image.width, radius)
-    light.collect(image, removed, 0)
+    light.collect(image, removed, 0, also_removed)
     light.blur()
-    return light.give_back(image, 0)
+    return light.give_back(image, 0), light.give_back_also(also, 0) if also else None
 
 
 class Light:
-    """What was removed from a frame that comes in bands: `collect` all of them, `blur`, and `give_back` to each."""
+    """What was removed from a frame that comes in bands, and from its layers, three planes each: `collect` all of them,
+    `blur`, and give back to each."""
 
     def __init__(self, engine: Engine, height: int, width: int, radius: int) -> None:
         self._engine, self._height, self._width = engine, height, width
@@ -59,25 +71,44 @@ class Light:
         self._radius = round(radius / self._scale)
         self._size = -(-height // self._scale), -(-width // self._scale)
         self._removed, self._bright = engine.planes(3, *self._size), engine.planes(3, *self._size)
+        self._also_removed: Planes | None = None
 
-    def collect(self, image: Planes, removed: Planes, first: int) -> None:
-        """A filtered band that begins with row `first`, a multiple of SCALE, and what it lost: three planes each."""
+    def collect(self, image: Planes, removed: Planes, first: int, also_removed: Planes | None = None) -> None:
+        """A filtered band that begins with row `first`, a multiple of SCALE, and what it lost: three planes each.
+
+        `also_removed`: what further layers lost.
+        """
         down = -(-image.height // self._scale)
-        for planes, blocks in ((removed, self._removed), (image, self._bright)):
-            out = blocks.rows(first // self._scale, down)
-            self._launch("block_means", (self._size[1], down, 3), planes, image.height, image.width, out)
+        if also_removed and self._also_removed is None:
+            self._also_removed = self._engine.planes(also_removed.channels, *self._size)
+        for planes, blocks in ((removed, self._removed), (image, self._bright), (also_removed, self._also_removed)):
+            if planes is not None:
+                size, out = (self._size[1], down, planes.channels), blocks.rows(first // self._scale, down)
+                self._launch("block_means", size, planes, image.height, image.width, out)
 
     def blur(self) -> None:
         """All bands are collected."""
         self._removed, bright = self._blurred(self._removed), self._engine.planes(1, *self._size)
         self._launch("brightness", self._size[::-1], self._bright, self._removed, *self._size, bright)
         self._bright = self._blurred(bright)
+        if self._also_removed is not None:
+            self._also_removed = self._blurred(self._also_removed)
 
     def give_back(self, image: Planes, first: int) -> Planes:
         """A filtered band, which begins with row `first`, with the light that it gets: three planes."""
         out = self._engine.planes(3, image.height, image.width)
         arguments = image, self._removed, self._bright, self._height, self._width, first, image.height, out
         self._launch("give_back", (self._size[1], image.height), *arguments)
+        return out
+
+    def give_back_also(self, layers: Planes, first: int) -> Planes:
+        """The filtered layers of a band with the light that they get."""
+        height, out = layers.height, self._engine.planes(layers.channels, layers.height, layers.width)
+        numbers = self._height, self._width, first, height
+        for i, (layer, target) in enumerate(zip(each_layer(layers), each_layer(out), strict=True)):
+            own = self._also_removed.part(3 * i, 3)
+            arguments = layer, own, self._removed, self._bright, *numbers, target
+            self._launch("give_back_also", (self._size[1], height), *arguments)
         return out
 
     def _blurred(self, planes: Planes) -> Planes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..engine import Engine, Planes
+from ..engine import LARGEST, Engine, Planes
 from .pad import pad
 from .terms import BLOCK_COLUMNS, BLOCK_ROWS, Terms, stack_terms
 
@@ -22,6 +22,8 @@ def first_order_regression(
     position_ridge: float,
     stride: int = 1,
     with_inner: bool = False,
+    bounded: bool = True,
+    out: tuple[Planes, ...] | None = None,
 ) -> tuple[Planes, ...]:
     """Fit the colours around each pixel by a linear function of features and position; its value at the pixel.
 
@@ -37,6 +39,8 @@ def first_order_regression(
         noise_ridge: times a feature's variance, added relative to the sum of weights.
         position_ridge: added to the two position terms, relative to the sum of weights (positions span [-1, 1]).
         with_inner: fit the middle of the window alone as well, a disc of search_radius // 2 to each side.
+        bounded: a fit that overshoots below 0 becomes 0, or the pixel where that is below 0.
+        out: planes to write to, as they are returned; None for new ones.
 
     Returns:
         The fit of the whole window and, if asked for, that of its middle; as many planes as `color`.
@@ -56,8 +60,9 @@ def first_order_regression(
     if terms:
         defines |= {"BLOCK_COLUMNS": BLOCK_COLUMNS, "BLOCK_ROWS": BLOCK_ROWS}
         arguments += [terms.noise, terms.blocks, terms.across]
-    arguments += [height, width, *(float(value) for value in (bandwidth, ridge, noise_ridge, position_ridge))]
-    fits = [engine.planes(color.channels, height, width) for _ in range(1 + with_inner)]
+    darkest = 0.0 if bounded else -LARGEST
+    arguments += [height, width, *(float(value) for value in (bandwidth, ridge, noise_ridge, position_ridge, darkest))]
+    fits = [engine.planes(color.channels, height, width) for _ in range(1 + with_inner)] if out is None else out[::-1]
     if in_groups:
         offsets, inner = offsets_of_window(search_radius, stride, with_inner)
         kernel = engine.kernel("regression_group.cl", "regress", **defines, OFFSETS=len(offsets), INNER_OFFSETS=inner)

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from ..engine import Engine, Planes
+from .also import each_layer
 
 #: Pixels of a block, squared, over which means are taken, and planes of such means.
 BLOCK, MEANS = 8, 8
 
 
-def shrink_to_input(engine: Engine, filtered: Planes, frame: Planes, variance: Planes, share: Planes) -> None:
+def shrink_to_input(
+    engine: Engine,
+    filtered: Planes,
+    frame: Planes,
+    variance: Planes,
+    share: Planes,
+    also: Planes | None = None,
+    also_input: Planes | None = None,
+) -> None:
     """Mix the input in, channel by channel, as far as the filtered frame lies further from it than noise explains.
 
     The mix has the least error (James and Stein 1961, "Estimation with Quadratic Loss"). In place; where blocks of 8x8
@@ -18,6 +27,7 @@ def shrink_to_input(engine: Engine, filtered: Planes, frame: Planes, variance: P
         filtered, frame: the filtered frame and its input, three colours and a half difference each, exposed.
         variance: of the input's pixels, three planes, not smoothed.
         share: the input's share in `filtered`, one plane; raised where the input comes back.
+        also, also_input: further layers and their input, drawn back as far as the three colours are.
     """
     height, width = frame.height, frame.width
     down, across = -(-height // BLOCK), -(-width // BLOCK)
@@ -29,3 +39,6 @@ def shrink_to_input(engine: Engine, filtered: Planes, frame: Planes, variance: P
     launch("block_means", (across, down), filtered, frame, variance, height, width, means)
     launch("block_shares", (across, down, 3), means, down, across, shares)
     launch("shrink", (engine.vectors(width), height), filtered, frame, shares, height, width, share)
+    for layer, before in zip(each_layer(also), each_layer(also_input), strict=True):
+        unused = engine.planes(1, height, width)
+        launch("shrink", (engine.vectors(width), height), layer, before, shares, height, width, unused)
