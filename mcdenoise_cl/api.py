@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from .errors import BudgetError, DeviceError, FrameError, NoRoomError, Parameter
 from .frame import PLANES, Frame
 from .methods import Method, get_method, settle
 from .methods.parameters import make, shown
+from .sequence import COMPARED, MOTION, Merged, least_rows_to_merge, merge
 from .stages.door import Strided, strided, upload
 from .stages.source import Source
 
@@ -86,6 +88,7 @@ class Denoiser:
         self._engine.budget = budget_of(self._engine.device, max_memory_mb)
         self._rows = first_guess(self.height, self.width, self._engine.budget, self._least_rows)
         self._last: tuple[Filtered, tuple[str, ...], cl.MemoryObjectHolder] | None = None
+        self._merged: Merged | None = None
 
     def _errors(self) -> contextlib.AbstractContextManager[None]:
         return device_errors(self._name, self._device)
@@ -110,7 +113,8 @@ class Denoiser:
         with self._lock, self._errors():
             found, names, bad = self._last_frame()
             replaced = self._replaced(names, bad)
-            return make_report(self._engine, self.method, self.parameters, found.result, found.summaries, replaced)
+            known = self.method, self.parameters, found.result, found.summaries, replaced, self._merged
+            return make_report(self._engine, *known)
 
     @property
     def model_map(self) -> np.ndarray | None:
@@ -137,12 +141,22 @@ class Denoiser:
             raise ParameterError("there is no report yet: denoise a frame first")
         return self._last
 
-    def __call__(self, frame_or_color: Frame | np.ndarray | cl_array.Array, *, out: Any = None, **planes: Any) -> Any:
+    def __call__(
+        self,
+        frame_or_color: Frame | np.ndarray | cl_array.Array,
+        *,
+        out: Any = None,
+        neighbours: Iterable[Frame] = (),
+        **planes: Any,
+    ) -> Any:
         """Denoise one frame.
 
         Args:
             frame_or_color: a `Frame`, or its colour, with the other planes as keywords.
             out: an array of the frame's shape and side (host or device) to write to, any supported dtype.
+            neighbours: frames before and after it in a sequence, in any order, of the same size, on the same side, with
+                at least the same planes: what they show of the same is merged into the frame first. With `motion`
+                where it is known (see `Frame`), else it is searched for, up to 4 pixels to each side.
             **planes: `albedo=`, `normal=`, ... where `frame_or_color` is an array.
 
         Returns:
@@ -151,13 +165,15 @@ class Denoiser:
 
         Raises:
             FrameError: the frame has another size, lacks a plane that the method needs, lies in another context,
-                has no finite pixel (host frames; on the device such a frame comes out black), or `out` does not fit.
+                has no finite pixel (host frames; on the device such a frame comes out black), or `out` or a neighbour
+                does not fit.
             DeviceError: the device has no room, or has failed: then make another Denoiser.
         """
         frame = as_frame(frame_or_color, planes)
         self._check(frame, out)
+        near = self._checked_neighbours(frame, neighbours)
         with self._lock, self._errors():
-            return self._run_device(frame, out) if frame.on_device else self._run_host(frame, out)
+            return self._run_device(frame, near, out) if frame.on_device else self._run_host(frame, near, out)
 
     def _check(self, frame: Frame, out: Any) -> None:
         if frame.shape != (self.height, self.width):
@@ -181,26 +197,64 @@ class Denoiser:
         if not frame.on_device and not out.flags.writeable:
             raise FrameError("out is read-only: pass an array that can be written")
 
-    def _used(self, frame: Frame) -> dict[str, Any]:
-        present = frame.planes()
-        return {name: present[name] for name in self.method.takes(present)}
+    def _checked_neighbours(self, frame: Frame, neighbours: Iterable[Frame]) -> list[Frame]:
+        near = list(neighbours)
+        for i, neighbour in enumerate(near):
+            if not isinstance(neighbour, Frame):
+                raise FrameError(f"neighbours[{i}] is a {type(neighbour).__name__} but a Frame is needed")
+            if neighbour is frame:
+                raise FrameError(f"neighbours[{i}] is the frame itself, which adds nothing: leave it out")
+            if neighbour.shape != frame.shape:
+                raise FrameError(
+                    f"neighbours[{i}] is {neighbour.shape} but the frame is {frame.shape}: all frames of a sequence "
+                    "share height and width"
+                )
+            if neighbour.on_device != frame.on_device:
+                sides = ("device", "host") if neighbour.on_device else ("host", "device")
+                raise FrameError(
+                    f"neighbours[{i}] is in {sides[0]} memory but the frame is in {sides[1]} memory: pass every frame "
+                    "on the same side"
+                )
+            missing = [name for name in self._used(frame, True) if name not in neighbour.planes()]
+            if missing:
+                raise FrameError(
+                    f"neighbours[{i}] has no {missing[0]} but the frame has: pass it, or leave it out of the frame"
+                )
+        return near
 
-    def _run_host(self, frame: Frame, out: np.ndarray | None) -> np.ndarray:
+    def _used(self, frame: Frame, merging: bool) -> dict[str, Any]:
+        """The planes that the method takes and, where neighbours are merged, those by which they are compared."""
+        present = frame.planes()
+        names = {*self.method.takes(present), *(COMPARED if merging else ())}
+        return {name: plane for name, plane in present.items() if name in names}
+
+    def _used_of_all(self, frame: Frame, neighbours: list[Frame]) -> list[dict[str, Any]]:
+        """The same of the frame and of each neighbour, with motion where it is known."""
+        used = [self._used(frame, bool(neighbours))]
+        for neighbour in neighbours:
+            used.append({name: getattr(neighbour, name) for name in used[0]})
+            if neighbour.motion is not None:
+                used[-1][MOTION] = neighbour.motion
+        return used
+
+    def _run_host(self, frame: Frame, neighbours: list[Frame], out: np.ndarray | None) -> np.ndarray:
         engine = self._engine
         engine.start()
         alive = []  # what is uploaded must not go before the queue has taken it
         try:
-            arrays = {}
-            for name, plane in self._used(frame).items():
-                arrays[name], host = upload(engine, plane)
-                alive.append(host)
+            arrays: list[dict[str, Strided]] = []
+            for used in self._used_of_all(frame, neighbours):
+                arrays.append({})
+                for name, plane in used.items():
+                    arrays[-1][name], host = upload(engine, plane)
+                    alive.append(host)
             return self._download(arrays, frame, out)
         except BaseException:
             with contextlib.suppress(cl.Error):  # where the device is gone, nothing reads them any more
                 engine.queue.finish()
             raise
 
-    def _download(self, arrays: dict[str, Strided], frame: Frame, out: np.ndarray | None) -> np.ndarray:
+    def _download(self, arrays: list[dict[str, Strided]], frame: Frame, out: np.ndarray | None) -> np.ndarray:
         wanted = np.dtype(frame.color.dtype) if out is None else out.dtype
         dtype = np.dtype("f4") if wanted == np.float64 else wanted
         size = 3 * self.height * self.width * dtype.itemsize
@@ -217,46 +271,63 @@ class Denoiser:
             out[...] = result
         return out
 
-    def _run_device(self, frame: Frame, out: cl_array.Array | None) -> cl_array.Array:
+    def _run_device(self, frame: Frame, neighbours: list[Frame], out: cl_array.Array | None) -> cl_array.Array:
         engine = self._engine
-        used = self._used(frame)
+        used = self._used_of_all(frame, neighbours)
+        everything = [(name, array) for planes in used for name, array in planes.items()]
         if out is not None:
-            used["out"] = out
-        for name, array in used.items():
+            everything.append(("out", out))
+        for name, array in everything:
             if array.context != engine.context:
                 raise FrameError(
                     f"{name} lies in another OpenCL context than this Denoiser's queue: "
                     "make the Denoiser with queue=color.queue, or copy the array"
                 )
-        waits = [event for array in used.values() for event in array.events]
+        waits = [event for _, array in everything for event in array.events]
         if waits:
             cl.enqueue_barrier(engine.queue, wait_for=waits)
         engine.start()
-        used.pop("out", None)
         if out is None:
             out = cl_array.empty(engine.queue, (self.height, self.width, 3), frame.color.dtype)
-        self._filter({name: strided(array) for name, array in used.items()}, strided(out))
+        arrays = [{name: strided(array) for name, array in planes.items()} for planes in used]
+        self._filter(arrays, strided(out))
         out.add_event(cl.enqueue_marker(engine.queue))
         return out
 
-    def _filter(self, arrays: dict[str, Strided], target: Strided) -> None:
-        """Fewer rows at a time until there is room for them; how many is remembered for the next frame."""
+    def _filter(self, arrays: list[dict[str, Strided]], target: Strided) -> None:
+        """Fewer rows at a time until there is room for them; how many is remembered for the next frame.
+
+        `arrays` are those of the frame and then those of each neighbour.
+        """
         engine, method, p = self._engine, self.method, self.parameters
-        self._last = None  # what it keeps takes room
+        self._last = self._merged = None  # what they keep takes room
+        least = self._least_rows
+        if len(arrays) > 1:
+            least = min(self.height, max(least, least_rows_to_merge(engine)))
+            self._rows = max(self._rows, least)
         while True:
             bad = engine.zeros(len(PLANES))
-            source = Source(engine, arrays, self.height, self.width, bad, self._rows)
+            source, merged = self._source(arrays[0], bad), None
             try:
+                if len(arrays) > 1:
+                    near = [self._source(each, engine.zeros(len(PLANES) + 1)) for each in arrays[1:]]
+                    merged = merge(engine, source, near, method.takes(arrays[0]))
+                    source = self._source(merged.arrays, engine.zeros(len(PLANES)))
                 found = filter_frame(engine, method, source, p, target)
                 break
             except NoRoomError as error:
-                rows = fewer_rows(self._rows, self._least_rows)
+                rows = fewer_rows(self._rows, least)
                 if rows is None:
                     raise self._no_room(error) from error
                 self._rows = rows
-            del source, bad
+            near = None
+            del source, bad, merged
             engine.release()
-        self._last = found, tuple(arrays), bad
+        self._last = found, tuple(arrays[0]), bad
+        self._merged = merged
+
+    def _source(self, arrays: dict[str, Strided], bad: cl.MemoryObjectHolder) -> Source:
+        return Source(self._engine, arrays, self.height, self.width, bad, self._rows)
 
     @property
     def _least_rows(self) -> int:
@@ -301,6 +372,7 @@ def denoise(
     depth_variance: Any = None,
     color_a: Any = None,
     color_b: Any = None,
+    neighbours: Iterable[Frame] = (),
     method: str | None = None,
     preset: str | None = None,
     device: str | int | cl.Device | None = None,
@@ -317,6 +389,8 @@ def denoise(
             the host.
         albedo, normal, depth, color_variance, albedo_variance, normal_variance, depth_variance, color_a, color_b:
             further planes of the frame where `frame_or_color` is an array; see `Frame`.
+        neighbours: frames before and after it in a sequence, as for `Denoiser.__call__`: what they show of the same is
+            merged into the frame first.
         method: a name of `methods()`.
         preset: "fast", "balanced" or "high" instead of a method; "high" if neither is given.
         device: index, part of a name, or `pyopencl.Device`, for NumPy input; None: the default device.
@@ -370,5 +444,5 @@ def denoise(
         max_memory_mb=max_memory_mb,
         **parameters,
     )
-    image = denoiser(frame, out=out)
+    image = denoiser(frame, out=out, neighbours=neighbours)
     return Denoised(image, denoiser.model_map, denoiser.error_map, denoiser.report) if details else image
