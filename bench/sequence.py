@@ -27,7 +27,7 @@ from mcdenoise_cl.render import render, scene_names
 #: How far the camera moves from frame to frame: metres to the right, up and forward. At 160 pixels across, 1 cm to the
 #: side is about a third of a pixel on what is three metres away.
 MOVES = {"still": (0.0, 0.0, 0.0), "slow": (0.01, 0.003, 0.005), "moving": (0.06, 0.01, 0.03)}
-SIZE, FRAMES, SPP, REFERENCE_SPP = (160, 90), 5, (4, 16), 512
+SIZE, FRAMES, SPP, REFERENCE_SPP = (160, 90), 5, (4, 16), 128
 
 
 def rendered(

@@ -41,6 +41,10 @@
 #define PIXEL_LAST 3.f
 #define LIGHT_FIRST 0.6f
 #define LIGHT_LAST 2.f
+/* Where the noise is guessed from the image, which takes edges for noise: brightness that differs by this part of the
+ * sum of both. */
+#define GAIN_FIRST 0.25f
+#define GAIN_LAST 0.5f
 
 INLINE float kept(float x, float first, float last)
 {
@@ -167,23 +171,23 @@ INLINE taps taps_of(CONST_PLANES(motion), int block, int height, int width, int 
 {
     taps t;
     const float dx = AT(motion, 0, y / block, x / block), dy = AT(motion, 1, y / block, x / block);
-    const float u = x + dx, v = y + dy;
-    const bool inside = u >= -0.5f && u <= width - 0.5f && v >= -0.5f && v <= height - 0.5f && fabs(dy) <= FARTHEST;
-    const int left = inside ? (int)floor(u) : x, top = inside ? (int)floor(v) : y;
+    /* Parts of the motion, not of the place, whose digits depend on where a band of rows begins. */
+    const float right = dx - floor(dx), below = dy - floor(dy);
+    const int left = x + (int)clamp(floor(dx), -1e6f, 1e6f), top = y + (int)clamp(floor(dy), -1e6f, 1e6f);
+    const int u = right < 0.5f ? left : left + 1, v = below < 0.5f ? top : top + 1;
+    const bool inside = u >= 0 && u < width && v >= 0 && v < height && fabs(dy) <= FARTHEST;
     for (int i = 0; i < 2; i++) {
         t.x[i] = clamp(left + i, 0, width - 1);
         t.y[i] = clamp(top + i, 0, height - 1);
     }
-    for (int i = 0; i < 4; i++) {
-        const float across = i % 2 ? u - left : 1.f - (u - left), down = i / 2 ? v - top : 1.f - (v - top);
-        t.weight[i] = inside ? across * down : 0.f;
-    }
+    for (int i = 0; i < 4; i++)
+        t.weight[i] = inside ? (i % 2 ? right : 1.f - right) * (i / 2 ? below : 1.f - below) : 0.f;
     return t;
 }
 #define TAPS taps_of(motion, motion_origin, motion_row, motion_plane, block, height, width, y, x)
 
-/* Three planes of tests: the mismatch of a pixel and what has become of it, their squared difference in light, and the
- * variance of that. And the weights of the four pixels: their sum is 1, or 0. */
+/* Five planes of tests: the mismatch of a pixel and what has become of it, their squared difference in light, the
+ * variance of that, and the brightness of both. And the weights of the four pixels: their sum is 1, or 0. */
 #define GUIDE (CHANNELS + GROUPS)
 #define HERE(c) here[c]
 #define THERE(c) there[c]
@@ -221,17 +225,22 @@ kernel void compare(CONST_PLANES(own), CONST_PLANES(other), CONST_PLANES(light),
     AT(tests, 0, y, x) = sum > 0.f ? fmin(MISMATCH(HERE, MOVED), MOST) : MOST;
     AT(tests, 1, y, x) = sum > 0.f ? squares : 0.f;
     AT(tests, 2, y, x) = sum > 0.f ? AT(light, 3, y, x) + colors[3] : 0.f;
+    AT(tests, 3, y, x) = AT(light, 0, y, x) + AT(light, 1, y, x) + AT(light, 2, y, x);
+    AT(tests, 4, y, x) = sum > 0.f ? colors[0] + colors[1] + colors[2] : AT(tests, 3, y, x);
 }
 
 /* In place: the weights of the four pixels times that of what they make. The sum of the weights of all frames grows by
  * it. The mismatch comes as its mean over 3x3, the light over 7x7. */
-kernel void weigh(CONST_PLANES(mismatch), CONST_PLANES(light), int height, int width, PLANES(weights), PLANES(total))
+kernel void weigh(CONST_PLANES(mismatch), CONST_PLANES(light), int height, int width, int guessed, PLANES(weights),
+                  PLANES(total))
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
     const float excess = AT(light, 0, y, x) / (AT(light, 1, y, x) + 1e-9f) - 1.f;
-    const float w = kept(AT(mismatch, 0, y, x), PIXEL_FIRST, PIXEL_LAST) * kept(excess, LIGHT_FIRST, LIGHT_LAST);
+    const float a = AT(light, 2, y, x), b = AT(light, 3, y, x), gain = fabs(a - b) / (fabs(a) + fabs(b) + 1e-9f);
+    float w = kept(AT(mismatch, 0, y, x), PIXEL_FIRST, PIXEL_LAST) * kept(excess, LIGHT_FIRST, LIGHT_LAST);
+    w *= guessed ? kept(gain, GAIN_FIRST, GAIN_LAST) : 1.f;
     float sum = 0.f;
     for (int i = 0; i < 4; i++) {
         const float weight = w * AT(weights, i, y, x);

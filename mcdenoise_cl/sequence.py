@@ -119,7 +119,8 @@ def _look(engine: Engine, planes: dict[str, Planes], exposure: cl.MemoryObjectHo
     variance = color_variance(engine, planes, color, exposure)
     _, factor = hold_back_outliers(engine, planes, color, variance, OUTLIER_LIMIT)
     features = {name: (planes[name], planes.get(f"{name}_variance")) for name in FEATURES if name in planes}
-    return look_at(engine, features, color, variance, factor)
+    guessed = not any(name in planes for name in COLOR_VARIANCES)
+    return look_at(engine, features, color, variance, factor, guessed)
 
 
 def _room_for(engine: Engine, source: Source, name: str) -> Strided:

@@ -29,17 +29,19 @@ class Look:
     """What frames are compared by.
 
     Attributes:
-        guide: planes of features, or of the colour where there are none, then the sums of their variances, one for each
-            of `names`; a mirrored border of SEARCH_RADIUS.
-        names: "albedo", "normal" and "depth", or "color".
+        guide: planes of features, and of the colour where there is no albedo, then the sums of their variances, one for
+            each of `names`; a mirrored border of SEARCH_RADIUS.
+        names: of "albedo", "normal", "depth" and "color".
         light: three planes of colour, outliers held back, and the sum of their variances.
         factor: what was left of each pixel, one plane.
+        guessed: the variance of the colour comes from the image alone.
     """
 
     guide: Planes
     names: tuple[str, ...]
     light: Planes
     factor: Planes
+    guessed: bool
 
 
 def look_at(
@@ -48,11 +50,13 @@ def look_at(
     color: Planes,
     variance: Planes,
     factor: Planes,
+    guessed: bool,
 ) -> Look:
     """A `Look`: features with their variances, or None; the colour with its variance, and what outliers were left."""
     noise = box_mean(engine, channel_sum(engine, variance), VARIANCE_RADIUS)
     light = stack(engine, [color, noise], 0)
-    groups = features or {"color": (color, variance)}
+    # Only the albedo shows all that the colour does.
+    groups = features if "albedo" in features else features | {"color": (color, variance)}
     planes, noises = [], []
     for name, (plane, spread) in groups.items():
         planes.append(clip(engine, plane, 0.0, 1.0) if name == "albedo" else plane)
@@ -60,18 +64,25 @@ def look_at(
             noises.append(clip(engine, plane.part(0, 1), 0.0, 0.0))
         else:
             noises.append(box_mean(engine, channel_sum(engine, spread), VARIANCE_RADIUS))
-    return Look(stack(engine, planes + noises, SEARCH_RADIUS), tuple(groups), light, factor)
+    return Look(stack(engine, planes + noises, SEARCH_RADIUS), tuple(groups), light, factor, guessed)
+
+
+def match_costs(engine: Engine, own: Look, other: Look) -> Planes:
+    """How much each block of 8x8 pixels differs from `other` at each offset: a plane an offset, row by row."""
+    height, width = own.light.height, own.light.width
+    down, across, offsets = -(-height // BLOCK), -(-width // BLOCK), (2 * SEARCH_RADIUS + 1) ** 2
+    costs = engine.planes(offsets, down, across)
+    kernel = _kernel(engine, "match_costs", own)
+    engine.launch("motion", kernel, (across, down, offsets), own.guide, other.guide, height, width, costs)
+    return costs
 
 
 def find_motion(engine: Engine, own: Look, other: Look) -> Planes:
     """How many pixels each block of 8x8 has moved from `own` to `other`: two planes, to the right and down."""
-    height, width = own.light.height, own.light.width
-    down, across = -(-height // BLOCK), -(-width // BLOCK)
-    offsets = (2 * SEARCH_RADIUS + 1) ** 2
-    costs, motion = engine.planes(offsets, down, across), engine.planes(2, down, across)
-    arguments = own.guide, other.guide, height, width, costs
-    engine.launch("motion", _kernel(engine, "match_costs", own), (across, down, offsets), *arguments)
-    engine.launch("motion", _kernel(engine, "find_motion", own), (across, down), costs, height, width, motion)
+    costs = match_costs(engine, own, other)
+    motion = engine.planes(2, costs.height, costs.width)
+    size, arguments = (costs.width, costs.height), (costs, own.light.height, own.light.width, motion)
+    engine.launch("motion", _kernel(engine, "find_motion", own), size, *arguments)
     return motion
 
 
@@ -93,13 +104,13 @@ class Weights:
 def weigh(engine: Engine, own: Look, other: Look, motion: Planes, total: Planes) -> Weights:
     """Compare a frame with another one where it has moved to; `total`, one plane, grows by the weights."""
     height, width = own.light.height, own.light.width
-    tests, taps = engine.planes(3, height, width), engine.planes(4, height, width)
+    tests, taps = engine.planes(5, height, width), engine.planes(4, height, width)
     size, block = (width, height), _block(motion, own)
     arguments = own.guide, other.guide, own.light, other.light, motion, block, height, width, tests, taps
     engine.launch("compare", _kernel(engine, "compare", own), size, *arguments)
     mismatch = box_mean(engine, tests.part(0, 1), MISMATCH_RADIUS)
-    light = box_mean(engine, tests.part(1, 2), LIGHT_RADIUS)
-    arguments = mismatch, light, height, width, taps, total
+    light = box_mean(engine, tests.part(1, 4), LIGHT_RADIUS)
+    arguments = mismatch, light, height, width, int(own.guessed), taps, total
     engine.launch("compare", _kernel(engine, "weigh", own), size, *arguments)
     return Weights(taps, motion, other)
 
