@@ -1,13 +1,14 @@
 """Denoise Monte Carlo renderings on any OpenCL device."""
 
+__version__ = "0.1.0"
+
 from .api import Denoiser, denoise
+from .batch import denoise_files
 from .details import Denoised, Report
 from .errors import DeviceError, ExrError, FrameError, McdenoiseError, ParameterError, RenderError
 from .exr import read_exr, write_exr
 from .frame import Frame
 from .methods import methods
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Denoised",
@@ -21,6 +22,7 @@ __all__ = [
     "RenderError",
     "Report",
     "denoise",
+    "denoise_files",
     "methods",
     "read_exr",
     "write_exr",

@@ -20,7 +20,7 @@ from .errors import BudgetError, DeviceError, FrameError, NoRoomError, Parameter
 from .frame import PLANES, Frame
 from .methods import Method, get_method, settle
 from .methods.parameters import make, shown
-from .sequence import COMPARED, MOTION, Merged, least_rows_to_merge, merge
+from .neighbours import COMPARED, MOTION, Merged, least_rows_to_merge, merge
 from .stages.door import Strided, strided, upload
 from .stages.source import Source
 

@@ -1,67 +1,39 @@
 """Denoise EXR files: one, or many into a folder. Nothing of the user's is lost: inputs are never written to, existing
-outputs only when asked, and a file appears under its name only when it is complete.
+outputs only when asked or out of date, and a file appears under its name only when it is complete.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pyopencl as cl
 
-from .api import Denoiser
-from .choose import pick_device
-from .details import Report
-from .errors import DeviceError, ExrError, FrameError
-from .exr import read_exr, write_exr
-from .frame import Frame
-from .methods import get_method, settle
-from .methods.parameters import make
-from .quiet import hushed
+from .choose import pick_devices
+from .errors import ExrError
+from .job import Job, Outcome, Recipe, run_job
+from .pipeline import run_jobs
+from .selection import Input, StrPath, find_exrs, find_jobs, one_job
+from .stamp import UP_TO_DATE, Verdict, judge
+from .temporary import sweep
 
-StrPath = str | os.PathLike[str]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of one file.
-
-    Attributes:
-        source, target: the file read and the file written.
-        report: what the denoiser did, where it did.
-        layers: plane -> the layer it was read from, of the planes the method used.
-        error: why the file failed. Where there is neither report nor error it was skipped, as its target existed.
-    """
-
-    source: Path
-    target: Path
-    report: Report | None = None
-    layers: Mapping[str, str] = field(default_factory=dict)
-    error: Exception | None = None
-
-
-def find_exrs(folder: StrPath) -> list[Path]:
-    """Every EXR directly in a folder, sorted by name; hidden files aside.
-
-    Raises:
-        ExrError: the folder cannot be read, or has none.
-    """
-    try:
-        files = sorted(Path(folder).iterdir())
-        found = [p for p in files if p.suffix.lower() == ".exr" and not p.name.startswith(".") and p.is_file()]
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ExrError(f"{folder} cannot be read ({reason}): give a folder of EXR files") from None
-    if not found:
-        raise ExrError(f"{folder} holds no EXR file: give a folder with *.exr directly in it")
-    return found
+__all__ = [
+    "Outcome",
+    "check_job",
+    "check_target",
+    "denoise_file",
+    "denoise_files",
+    "do",
+    "find_exrs",
+    "plan",
+    "prepare",
+]
 
 
 def denoise_file(
-    source: StrPath,
+    source: Input,
     target: StrPath,
     *,
     method: str | None = None,
@@ -71,18 +43,23 @@ def denoise_file(
     samples_per_pixel: int | None = None,
     overwrite: bool = False,
     max_memory_mb: int | None = None,
+    also: Sequence[str] | Literal["auto"] = (),
+    temporal: int = 0,
     **parameters: Any,
 ) -> Outcome:
     """Denoise the colour of one EXR file; every other layer is kept.
 
     Args:
-        source, target: the file to read and the file to write, which must not be the same.
+        source, target: the file to read and the file to write, which must not be the same. A tuple of two files to
+            read: two renderings of the frame with different seeds; other layers are those of the first.
         method: a name of `methods()`.
         preset: "fast", "balanced" or "high" instead; "high" if neither is given.
         device: index, part of a name, or `pyopencl.Device`; None: the default device.
         layers, samples_per_pixel: as for `read_exr`.
-        overwrite: write over an existing target.
+        overwrite: write over an existing target. Without it the target is refused, unless it was made of this very
+            file in this very way: then there is nothing to do.
         max_memory_mb: as for `Denoiser`.
+        also, temporal: as for `denoise_files`.
         **parameters: the method's, by name.
 
     Raises:
@@ -92,76 +69,156 @@ def denoise_file(
 
     Example:
         >>> import tempfile, numpy as np
+        >>> from mcdenoise_cl import write_exr
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     write_exr(folder + "/noisy.exr", np.ones((8, 8, 3), np.float32))
         ...     outcome = denoise_file(folder + "/noisy.exr", folder + "/clean.exr", search_radius=2)
         >>> outcome.report.method, dict(outcome.layers)
         ('auto', {'color': 'RGB'})
     """
-    source, target = Path(source), Path(target)
-    if _identity(target) in {_identity(source)} - {None}:
-        raise ExrError(f"{target} is the input itself, which is never written to: give another output")
-    check_target(target, overwrite)
-    name, parameters = settle(method, preset, parameters)
-    return _denoise(source, target, _Denoisers(name, device, max_memory_mb, parameters), layers, samples_per_pixel)
+    recipe = Recipe.of(
+        method,
+        preset,
+        layers=layers,
+        samples_per_pixel=samples_per_pixel,
+        max_memory_mb=max_memory_mb,
+        also=also,
+        temporal=temporal,
+        **parameters,
+    )
+    job = one_job(source, target, temporal)
+    check_job(job, recipe, overwrite)
+    return do(job, recipe, device=device, overwrite=overwrite)
+
+
+def do(job: Job, recipe: Recipe, *, device: str | int | cl.Device | None = None, overwrite: bool = False) -> Outcome:
+    """One job that has been checked; raises what went wrong."""
+    sweep(job.target.parent)
+    outcome = run_job(job, recipe, device=device, overwrite=overwrite)
+    if outcome.error is not None:
+        raise outcome.error
+    return outcome
 
 
 def denoise_files(
-    sources: Iterable[StrPath],
-    folder: StrPath,
+    paths: Input | Iterable[Input],
+    out_dir: StrPath,
     *,
     method: str | None = None,
     preset: str | None = None,
-    device: str | int | cl.Device | None = None,
+    device: Any = None,
     layers: Mapping[str, str] | None = None,
     samples_per_pixel: int | None = None,
     overwrite: bool = False,
     on_progress: Callable[[Outcome], None] | None = None,
     max_memory_mb: int | None = None,
+    recursive: bool = False,
+    frames: str | Iterable[int] | None = None,
+    pairs: bool = False,
+    also: Sequence[str] | Literal["auto"] = (),
+    temporal: int = 0,
     **parameters: Any,
 ) -> list[Outcome]:
-    """Denoise files into a folder, under their own names; one that fails does not stop the others.
+    """Denoise frames into a folder; one that fails does not stop the others.
+
+    Reading, denoising and writing overlap, in memory that does not grow with the number of frames. What is there and
+    up to date is skipped: that was made of the same files (by size and time) with the same method, parameters, layers,
+    samples and version, which every result keeps in its header. A result that is out of date is made again; a file
+    that was not written here, or was made of another file, stays as it is and is reported.
 
     Args:
-        sources: the files; `find_exrs` lists those of a folder.
-        folder: made where it is missing.
-        overwrite: write over existing files there; otherwise their sources are skipped.
-        on_progress: called after each file.
-        method, preset, device, layers, samples_per_pixel, max_memory_mb, **parameters: as for `denoise_file`, for every
-            file.
+        paths: files, folders, patterns such as "shots/*/beauty.exr", sequences such as "shot.####.exr"; tuples of two
+            files that are halves of one frame. One of them, or many.
+        out_dir: made where it is missing. Files go there under their own names; what is found in a folder or by a
+            pattern keeps its place below it.
+        method, preset, layers, samples_per_pixel, max_memory_mb, **parameters: as for `denoise_file`, for every file.
+        device: as for `denoise_file`; or "all", or a list of devices, to share the frames.
+        overwrite: do every frame, and write over what is there.
+        on_progress: called after each frame with its `Outcome`, in the calling thread, in the order in which they
+            finish. What it raises ends the work: frames that are being written are finished, others are given up.
+        recursive: look into folders in folders too.
+        frames: which frames of sequences, such as "1-240", "1-240x2" or numbers; one that is missing fails.
+        pairs: `name.a.exr` and `name.b.exr` are halves of one frame and become `name.exr`.
+        also: further layers to filter like the colour, or "auto".
+        temporal: how many frames before and after each to use.
 
     Returns:
-        An outcome for each source, in order.
+        An outcome for each frame, in order: its `status` is "done", "skipped" or "failed", and `reason` or `error` say
+        why.
 
     Raises:
-        ExrError: a target would be one of the sources or that of two of them, or the folder cannot be made.
-        ParameterError: an unknown method or preset, or a parameter that the method refuses.
+        ExrError: there are no such files, a target would be one of the sources or that of two of them, or the folder
+            cannot be made.
+        ParameterError: an unknown method or preset, a parameter that the method refuses, or frames that are none.
         DeviceError: there is no such device.
+
+    Example:
+        >>> import tempfile, numpy as np
+        >>> from mcdenoise_cl import write_exr
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     for number in (1, 2, 3):
+        ...         write_exr(f"{folder}/shot.{number:04d}.exr", np.full((8, 8, 3), number, np.float32))
+        ...     shot, clean = f"{folder}/shot.####.exr", f"{folder}/clean"
+        ...     first = denoise_files(shot, clean, frames="1-2", method="nlm")
+        ...     second = denoise_files(shot, clean, frames="1-4", method="nlm")
+        >>> [outcome.status for outcome in first], [outcome.status for outcome in second]
+        (['done', 'done'], ['skipped', 'skipped', 'done', 'failed'])
     """
-    sources, folder = [Path(source) for source in sources], Path(folder)
-    _check_targets(sources, folder)
-    name, parameters = settle(method, preset, parameters)
-    make(get_method(name).make, name, parameters)
-    denoisers = _Denoisers(name, pick_device(device).device, max_memory_mb, parameters)
+    recipe = Recipe.of(
+        method,
+        preset,
+        layers=layers,
+        samples_per_pixel=samples_per_pixel,
+        max_memory_mb=max_memory_mb,
+        also=also,
+        temporal=temporal,
+        **parameters,
+    )
+    given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    jobs = find_jobs(given, out_dir, recursive=recursive, frames=frames, pairs=pairs, temporal=temporal)
+    devices = [info.device for info in pick_devices(device)]
+    prepare(jobs, out_dir)
+    return run_jobs(jobs, recipe, devices, overwrite=overwrite, on_progress=on_progress)
+
+
+def plan(jobs: Sequence[Job], recipe: Recipe, overwrite: bool = False) -> list[tuple[Job, Verdict | Exception]]:
+    """What would be done and why, or the reason for which it would fail; no pixels are read."""
+
+    def verdict(job: Job) -> Verdict | Exception:
+        try:
+            return judge(job, recipe, overwrite)
+        except ExrError as error:
+            return error
+
+    return [(job, verdict(job)) for job in jobs]
+
+
+def prepare(jobs: Sequence[Job], out_dir: StrPath) -> None:
+    """Make the output folder, and sweep up what runs that were killed have left in it.
+
+    Raises:
+        ExrError: it cannot be made.
+    """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        Path(out_dir).mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise ExrError(f"{folder} cannot be made ({reason}): give another output folder") from None
-    outcomes = []
-    for source in sources:
-        target = folder / source.name
-        if _exists(target) and not overwrite:
-            outcome = Outcome(source, target)
-        else:
-            try:
-                outcome = _denoise(source, target, denoisers, layers, samples_per_pixel)
-            except Exception as error:
-                outcome = Outcome(source, target, error=error)
-        outcomes.append(outcome)
-        if on_progress is not None:
-            on_progress(outcome)
-    return outcomes
+        raise ExrError(f"{out_dir} cannot be made ({reason}): give another output folder") from None
+    for folder in {job.target.parent for job in jobs}:
+        sweep(folder)
+
+
+def check_job(job: Job, recipe: Recipe, overwrite: bool) -> None:
+    """Refuse, before any work, a target that is an input, cannot be written, or is there and not up to date.
+
+    Raises:
+        ExrError: it is one of these.
+    """
+    if any(_is_same(job.target, path) for path in job.inputs):
+        raise ExrError(f"{job.target} is the input itself, which is never written to: give another output")
+    exists = os.path.isfile(job.target)  # noqa: PTH113
+    if not (exists and judge(job, recipe).reason == UP_TO_DATE):
+        check_target(job.target, overwrite)
 
 
 def check_target(target: StrPath, overwrite: bool) -> None:
@@ -175,83 +232,15 @@ def check_target(target: StrPath, overwrite: bool) -> None:
         raise ExrError(f"{target} is a folder: give the name of a file to write")
     if not os.path.isdir(target.parent):  # noqa: PTH112
         raise ExrError(f"{target} cannot be written, as there is no folder {target.parent}: make it first")
-    if _exists(target) and not overwrite:
+    if os.path.exists(target) and not overwrite:  # noqa: PTH110
         raise ExrError(
             f"{target} exists already: give another name, or pass --force (overwrite=True in Python) to replace it"
         )
 
 
-class _Denoisers:
-    """Makes the `Denoiser` for a frame, and hands out the last one again where the frame has its size.
-
-    Only the last one is kept: each holds device memory for a whole frame.
-    """
-
-    def __init__(self, method: str, device: Any, max_memory_mb: int | None, parameters: Mapping[str, Any]) -> None:
-        self._options = {"method": method, "device": device, "max_memory_mb": max_memory_mb, **parameters}
-        self._last: Denoiser | None = None
-
-    def for_frame(self, frame: Frame) -> Denoiser:
-        last = self._last
-        if last is None or (last.height, last.width) != frame.shape:
-            self._last = last = None  # its memory goes before the next one asks for its own
-            self._last = Denoiser(*frame.shape, **self._options)
-        return self._last
-
-    def forget(self) -> None:
-        """Make a new one for the next frame: the device of this one failed, but may be back by then."""
-        self._last = None
-
-
-def _denoise(
-    source: Path,
-    target: Path,
-    denoisers: _Denoisers,
-    layers: Mapping[str, str] | None,
-    samples_per_pixel: int | None,
-) -> Outcome:
-    with hushed():
-        frame = read_exr(source, layers=layers, samples_per_pixel=samples_per_pixel)
-    denoiser = denoisers.for_frame(frame)
+def _is_same(one: Path, other: Path) -> bool:
+    """Whether two paths lead to one file, by links or upper and lower case."""
     try:
-        clean, report = denoiser(frame), denoiser.report
-    except FrameError as error:
-        raise FrameError(f"{source}: {error}") from error
-    except DeviceError:
-        denoisers.forget()
-        raise
-    write_exr(target, clean, template=source, layers=layers)
-    used = denoiser.method.takes(frame.planes())
-    named = {plane: layer for plane, layer in frame.metadata["layers"].items() if plane in used}
-    return Outcome(source, target, report, named)
-
-
-def _check_targets(sources: list[Path], folder: Path) -> None:
-    inputs = {_identity(source): source for source in sources}
-    taken: dict[str, Path] = {}
-    for source in sources:
-        target = folder / source.name
-        identity = _identity(target)
-        if identity is not None and identity in inputs:
-            raise ExrError(
-                f"{target} would be written but is the input {inputs[identity]} itself: give another output folder"
-            )
-        if source.name in taken:
-            raise ExrError(
-                f"{taken[source.name]} and {source} would both become {target}: denoise them into folders of their own"
-            )
-        taken[source.name] = source
-
-
-def _identity(path: Path) -> tuple[int, int] | None:
-    """What two paths to one file share, links and upper or lower case aside; None where there is no file."""
-    try:
-        status = path.stat()
+        return os.path.samefile(one, other)  # noqa: PTH121
     except (OSError, ValueError):
-        return None
-    return status.st_dev, status.st_ino
-
-
-def _exists(path: Path) -> bool:
-    """Unlike a Path's own, this raises for no name and no permission: writing or reading then says what is wrong."""
-    return os.path.exists(path)  # noqa: PTH110
+        return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -14,6 +15,9 @@ from .errors import DeviceError
 from .measured import recall, remember
 from .stages.nlm import nlm
 from .stages.pad import pad
+
+#: What `pick_devices` takes for every device.
+ALL = "all"
 
 
 def pick_device(choice: str | int | cl.Device | None = None) -> DeviceInfo:
@@ -48,6 +52,19 @@ def pick_device(choice: str | int | cl.Device | None = None) -> DeviceInfo:
         known = "; ".join(f"{info.index}: {info.name} ({info.runtime}, {info.version})" for info in devices)
         raise DeviceError(f"{origin} is {text!r}, which is none of the devices here: choose one of {known}")
     return matches[0]
+
+
+def pick_devices(choice: Any = None) -> list[DeviceInfo]:
+    """The devices to share the work: "all" there are, those of a list, or the one that `pick_device` picks.
+
+    Raises:
+        DeviceError: there is no device, or none that fits a choice.
+    """
+    if isinstance(choice, str) and choice.strip().lower() == ALL:
+        return list_devices() or [pick_device()]
+    if isinstance(choice, list | tuple) and choice:
+        return [pick_device(one) for one in choice]
+    return [pick_device(choice)]
 
 
 def _default(devices: list[DeviceInfo]) -> DeviceInfo:

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from .cli_options import COUNT, chosen_device, debug_option, device_option, force_option, split, usage
-from .console import Progress, tell_outcome, tell_outcomes
+from .cli_options import COUNT, chosen_devices, debug_option, devices_option, force_option, split, usage
+from .console_batch import Teller, note_pairs, tell_outcome, tell_outcomes, tell_plan
 from .frame import PLANES
 from .methods import DEFAULT_PRESET, PRESETS, get_method, methods, settle
 from .methods.parameters import parse
@@ -18,10 +18,8 @@ from .methods.parameters import parse
 
 
 @click.command()
-@click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@click.option(
-    "-o", "--output", required=True, metavar="PATH", help="File to write; of several inputs or a folder: folder."
-)
+@click.argument("inputs", nargs=-1, metavar="INPUT...")
+@click.option("-o", "--output", required=True, metavar="PATH", help="File to write; for anything but one file: folder.")
 @click.option(
     "--method",
     type=click.Choice([method.name for method in methods()]),
@@ -32,7 +30,7 @@ from .methods.parameters import parse
     type=click.Choice(list(PRESETS)),
     help=f"How long it may take; instead of a method. Default: {DEFAULT_PRESET}.",
 )
-@click.option("--set", "pairs", multiple=True, metavar="NAME=VALUE", help="A parameter: see `mcdenoise methods`.")
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter: see `mcdenoise methods`.")
 @click.option(
     "--layer",
     "layers",
@@ -41,13 +39,26 @@ from .methods.parameters import parse
     help=f"The layer of a plane, where it is not recognised; none leaves the plane out. Planes: {', '.join(PLANES)}.",
 )
 @click.option("--samples", type=COUNT, metavar="N", help="Samples per pixel, where the file does not tell.")
-@device_option
+@devices_option
 @click.option(
     "--max-memory-mb",
     type=COUNT,
     metavar="N",
     help="MiB to use besides the frame itself; large frames are filtered in bands. By default what the device has.",
 )
+@click.option("--halves", nargs=2, metavar="A B", help="Instead of INPUT: two renderings with different seeds.")
+@click.option("--pairs", is_flag=True, help="name.a.exr and name.b.exr are two such renderings of name.exr.")
+@click.option("--recursive", is_flag=True, help="Look into folders in folders too.")
+@click.option("--frames", metavar="RANGE", help="Frames of shot.####.exr: 1-240, 1-240x2 for every second, 1,5,10-20.")
+@click.option(
+    "--temporal",
+    type=click.IntRange(min=0),
+    default=0,
+    metavar="N",
+    help="Merge what N frames before and after show of the same, found by the numbers in their names. Default: 0.",
+)
+@click.option("--dry-run", is_flag=True, help="Say what would be done and why, and do nothing.")
+@click.option("--json", "as_json", is_flag=True, help="A line of JSON on stdout for each thing that happens.")
 @force_option
 @debug_option
 @click.pass_context
@@ -57,47 +68,72 @@ def denoise(
     output: str,
     method: str | None,
     preset: str | None,
-    pairs: tuple[str, ...],
+    settings: tuple[str, ...],
     layers: tuple[str, ...],
     samples: int | None,
     device: str | None,
     max_memory_mb: int | None,
     force: bool,
+    dry_run: bool,
+    as_json: bool,
+    halves: tuple[str, str] | None,
+    temporal: int,
+    **chosen: Any,
 ) -> int:
-    """Denoise EXR files, or every *.exr directly in a folder.
+    """Denoise EXR files.
 
-    Only the colour is replaced: the outputs keep every other layer of the inputs. An existing output is refused (one
-    file) or skipped (several) without --force.
+    INPUT is a file, a folder of *.exr, a pattern such as 'shots/*/beauty.exr', or a sequence such as shot.####.exr or
+    shot.%04d.exr. Only the colour is replaced: the outputs keep every other layer of the inputs.
+
+    Of several files those whose output is up to date are skipped: it was made of the same files (by size and time)
+    with the same options. Outputs that are out of date are made again. Without --force nothing else is replaced.
 
     \b
     mcdenoise denoise noisy.exr -o clean.exr
     mcdenoise denoise frames/ -o clean/ --preset balanced
-    mcdenoise denoise frames/ -o clean/ --method nlm --set h_factor=1.2
+    mcdenoise denoise 'shot.####.exr' --frames 1-240 -o clean/ --device all
+    mcdenoise denoise 'shot.####.exr' -o clean/ --temporal 1
+    mcdenoise denoise --halves seed1.exr seed2.exr -o clean.exr
     """
-    from . import batch
+    from . import batch, selection
+    from .job import Recipe
+    from .pipeline import run_jobs
+    from .quiet import quiet_libraries
 
+    if bool(inputs) == (halves is not None):
+        raise usage("INPUT or --halves A B is needed, one of them")
     if method is not None and preset is not None:
         raise usage(f"--method {method} and --preset {preset} are both given: a preset is a method, so give one")
     name, parameters = settle(method, preset, {})
-    options = {"method": name, "layers": _layers(layers), "samples_per_pixel": samples, "overwrite": force}
-    options |= parameters | _parameters(name, pairs) | {"device": chosen_device(device), "max_memory_mb": max_memory_mb}
-    is_dir = os.path.isdir  # a Path's raises for a name that is too long
-    is_folder = is_dir(inputs[0])
-    if len(inputs) > 1 and any(map(is_dir, inputs)):
-        raise usage("there is a folder among several inputs, but one folder or several files are needed")
-    if len(inputs) == 1 and not is_folder and not is_dir(output) and not output.endswith(("/", os.sep)):
-        tell_outcome(batch.denoise_file(inputs[0], output, **options), automatic=method is None)
+    parameters |= _parameters(name, settings)
+    options = {"layers": _layers(layers), "samples_per_pixel": samples, "max_memory_mb": max_memory_mb}
+    recipe = Recipe.of(name, temporal=temporal, **options, **parameters)
+    given = [halves] if halves else inputs
+    to_folder = len(given) > 1 or os.path.isdir(output) or output.endswith(("/", os.sep))  # noqa: PTH112
+    alone = not to_folder and selection.is_one_file(given[0])
+    if alone:
+        for option in ("frames", "pairs"):
+            if chosen[option]:
+                raise usage(f"--{option} is given but {given[0]} is one file: give a folder, a pattern or a sequence")
+        jobs = [selection.one_job(given[0], output, recipe.temporal)]
+        batch.check_job(jobs[0], recipe, force)
+    else:
+        jobs = selection.find_jobs(given, output, temporal=recipe.temporal, **chosen)
+    if dry_run:
+        return 0 if tell_plan(batch.plan(jobs, recipe, force), as_json) else 1
+    devices = chosen_devices(device)
+    if alone and not as_json:
+        with quiet_libraries():
+            outcome = batch.do(jobs[0], recipe, device=devices[0], overwrite=force)
+        tell_outcome(outcome, automatic=method is None)
         return 0
-    sources = batch.find_exrs(inputs[0]) if is_folder else inputs
-    done: list[batch.Outcome] = []
-    with Progress() as progress:
-
-        def show(outcome: batch.Outcome) -> None:
-            done.append(outcome)
-            progress.show(f"denoising into {output}", len(done), len(sources))
-
-        batch.denoise_files(sources, output, **options, on_progress=show)
-    return 0 if tell_outcomes(done, context.obj["debug"]) else 1
+    batch.prepare(jobs, os.path.dirname(output) if alone else output)  # noqa: PTH120
+    if not chosen["pairs"]:
+        note_pairs(selection.count_pairs(jobs))
+    teller = Teller(f"denoising into {output}", jobs, recipe, as_json)
+    with quiet_libraries(), teller:
+        run_jobs(jobs, recipe, devices, overwrite=force, on_progress=teller.show)
+    return 0 if tell_outcomes(teller.outcomes, context.obj["debug"]) else 1
 
 
 def _parameters(method: str, pairs: Sequence[str]) -> dict[str, Any]:

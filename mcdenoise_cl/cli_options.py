@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from .choose import pick_device
+from .choose import pick_device, pick_devices
 from .device import list_devices
 from .errors import DeviceError
 
@@ -27,6 +27,11 @@ device_option = click.option(
     metavar="D",
     help="Index or part of a name, as `mcdenoise devices` lists them (or set MCDENOISE_DEVICE).",
 )
+devices_option = click.option(
+    "--device",
+    metavar="D",
+    help="Index or part of a name, as `mcdenoise devices` lists them (or set MCDENOISE_DEVICE); all: share the frames.",
+)
 force_option = click.option("--force", is_flag=True, help="Replace existing output files; inputs are never replaced.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 COUNT = click.IntRange(min=1)
@@ -40,9 +45,18 @@ def usage(message: str) -> click.UsageError:
 
 def chosen_device(choice: str | None) -> Any:
     """The device, before any work is done. A wrong --device is wrong usage; to have no device at all is not."""
+    return _chosen(choice, lambda: pick_device(choice).device)
+
+
+def chosen_devices(choice: str | None) -> list[Any]:
+    """The same where there may be several."""
+    return _chosen(choice, lambda: [info.device for info in pick_devices(choice)])
+
+
+def _chosen(choice: str | None, pick: Callable[[], Any]) -> Any:
     known = list_devices()
     try:
-        return pick_device(choice).device
+        return pick()
     except DeviceError as error:
         if choice is None or not known:
             raise

@@ -23,8 +23,7 @@ from .errors import McdenoiseError
 from .methods import Method
 from .methods.parameters import ParameterInfo
 
-if TYPE_CHECKING:  # batch and metrics take their time to import, and are not always needed
-    from .batch import Outcome
+if TYPE_CHECKING:  # metrics and tune take their time to import, and are not always needed
     from .device import Shape
     from .metrics import Scores
     from .tune import Trial
@@ -70,49 +69,12 @@ class Progress:
             )
             self._bar.start = self._start  # the first call may come when much is done already
             self._bar.__enter__()
+        self._bar.length = total  # fewer where some turn out to need nothing
         self._bar.update(done - self._bar.pos)
 
     def _rate(self, _: Any) -> str | None:
         done = 0 if self._bar is None else self._bar.pos
         return f"{done / (time.time() - self._start):.1f}/s" if done else None
-
-
-def tell_outcome(outcome: Outcome, automatic: bool) -> None:
-    """One file that was denoised: how, and what its user may not expect. `automatic`: no method was asked for."""
-    report = outcome.report
-    layers = ", ".join(f"{plane}={layer}" for plane, layer in outcome.layers.items())
-    time_taken = f" in {sum(report.stage_ms.values()):.0f} ms" if report.stage_ms else ""
-    say(f"{outcome.target}: {report.method} from {layers}{time_taken} on {report.device}")
-    if automatic and len(outcome.layers) == 1:
-        say("note: nothing but the colour was found, albedo and normal would help; --layer names them if they exist")
-    for plane, count in report.replaced.items():
-        pixels = "pixel" if count == 1 else "pixels"
-        say(f"note: replaced {count} {pixels} of {plane}, not being finite")
-
-
-def tell_outcomes(outcomes: Sequence[Outcome], debug: bool) -> bool:
-    """A summary of many files, and why some failed; False if any did."""
-    failed = [outcome for outcome in outcomes if outcome.error is not None]
-    done = [outcome for outcome in outcomes if outcome.report is not None]
-    skipped = len(outcomes) - len(failed) - len(done)
-    parts = [f"{len(done)} of {len(outcomes)} file{'s' * (len(outcomes) != 1)} denoised"]
-    if done:
-        used = " and ".join(sorted({outcome.report.method for outcome in done}))
-        parts[0] += f" with {used} on {done[0].report.device}"
-    if skipped:
-        parts.append(f"{skipped} skipped because the output exists (--force replaces it)")
-    if failed:
-        parts.append(f"{len(failed)} failed")
-    say("; ".join(parts))
-    repaired = sum(bool(outcome.report.replaced) for outcome in done)
-    if repaired:
-        say(f"note: pixels that were not finite were replaced in {repaired} of them")
-    for outcome in failed:
-        if debug:
-            show_traceback(outcome.error)
-        text = sentence(outcome.error)
-        say(f"mcdenoise: {text if str(outcome.source) in text else f'{outcome.source}: {text}'}")
-    return not failed
 
 
 def print_devices(devices: Sequence[DeviceInfo], default: DeviceInfo | None, as_json: bool) -> None:

@@ -13,7 +13,7 @@ from .engine import Engine, Planes
 from .methods import Method
 from .methods.auto import CANDIDATES
 from .methods.result import Result
-from .sequence import Merged
+from .neighbours import Merged
 from .stages.mean import plane_means
 from .stages.rows import Rows
 

@@ -26,6 +26,8 @@ from .exr_layers import (
 )
 from .frame import PLANES, Frame
 
+#: The header attribute in which `stamp.py` keeps how a file was made.
+STAMP = "mcdenoise"
 HALF_MAX = float(np.finfo(np.float16).max)
 COMPRESSIONS = {
     name.removesuffix("_COMPRESSION").lower().replace("no", "none"): value
@@ -73,7 +75,16 @@ def read_exr(
         ...     read_exr(folder + "/frame.exr").metadata["layers"]
         {'color': 'RGB', 'depth': 'Z'}
     """
-    parts = load(path)
+    return frame_of(path, load(path), layers, samples_per_pixel)
+
+
+def frame_of(
+    path: str | os.PathLike[str],
+    parts: Sequence[Part],
+    layers: Mapping[str, str] | None = None,
+    samples_per_pixel: int | None = None,
+) -> Frame:
+    """The frame in the parts of a file; all else as for `read_exr`."""
     known, wanted, color = _layers_of(path, parts, layers)
     metadata = _metadata(path, parts, color, samples_per_pixel)
     samples = metadata.get("samples_per_pixel")
@@ -154,7 +165,7 @@ def write_exr(
         metadata = image.metadata if isinstance(image, Frame) else {}
         parts = [_own_part(planes, metadata, COMPRESSIONS["zip"] if packing is None else packing, stored)]
     else:
-        parts = _replace_color(template, planes["color"], layers, stored)
+        parts = replace_color(template, load(template), planes["color"], layers, stored)
         if packing is not None:
             parts = [p if p.deep else replace(p, header=p.header | {"compression": packing}) for p in parts]
     save(path, parts)
@@ -178,11 +189,15 @@ def _own_part(
     return Part(header, channels, False)
 
 
-def _replace_color(
-    template: str | os.PathLike[str], image: np.ndarray, layers: Mapping[str, str] | None, dtype: np.dtype | None
+def replace_color(
+    template: str | os.PathLike[str],
+    parts: Sequence[Part],
+    image: np.ndarray,
+    layers: Mapping[str, str] | None = None,
+    dtype: np.dtype | None = None,
 ) -> list[Part]:
-    """The parts of the template with the image in the place of its colour."""
-    parts = load(template)
+    """The parts of the file `template` with the image in the place of its colour, and without our stamp."""
+    parts = [replace(part, header={k: v for k, v in part.header.items() if k != STAMP}) for part in parts]
     found, _, color = _layers_of(template, parts, layers)
     color = result_layer(found, color)
     old = {name: parts[color.part].channels[name] for name in color.channels}

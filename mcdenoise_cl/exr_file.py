@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 import OpenEXR
 
 from .errors import ExrError
+from .temporary import unfinished
 
 MAGIC = b"\x76\x2f\x31\x01"
 DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
@@ -49,16 +49,7 @@ class Part:
 
 def load(path: str | os.PathLike[str]) -> list[Part]:
     """Every part of a file, with all its pixels; nothing of it stays open."""
-    try:
-        start = b""
-        if not Path(path).is_fifo():  # to open one would wait for whoever writes to it
-            with Path(path).open("rb") as stream:
-                start = stream.read(4)
-    except (OSError, ValueError) as error:  # a ValueError: there is a zero in the name
-        reason = getattr(error, "strerror", None) or error
-        raise ExrError(f"{path} cannot be read ({reason}): give the path of an EXR file that can be") from None
-    if start != MAGIC:
-        raise ExrError(f"{path} is not an EXR file, whatever its name: it does not start with the EXR signature")
+    _check_signature(path)
     try:
         # OpenEXR 3.5 leaves out the parts whose pixels it cannot read, so they are counted first.
         with _open(path) as source, OpenEXR.File(source, header_only=True) as file:
@@ -69,13 +60,40 @@ def load(path: str | os.PathLike[str]) -> list[Part]:
     except ExrError:
         raise
     except Exception as error:  # the module raises whatever its C++ code throws
-        raise ExrError(
-            f"{path} cannot be read, it is damaged or uses a feature that OpenEXR {OpenEXR.__version__} for Python "
-            f"lacks ({error}): render or copy it again"
-        ) from None
+        raise _damaged(path, error) from None
     if len(parts) < max(expected, 1):
         raise ExrError(f"{path} is damaged or cut short, its pixels cannot be read: render or copy it again")
     return parts
+
+
+def read_header(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The attributes of the first part of a file, without its pixels."""
+    _check_signature(path)
+    try:
+        with _open(path) as source, OpenEXR.File(source, header_only=True) as file:
+            return dict(file.parts[0].header)
+    except Exception as error:
+        raise _damaged(path, error) from None
+
+
+def _check_signature(path: str | os.PathLike[str]) -> None:
+    try:
+        start = b""
+        if not Path(path).is_fifo():  # to open one would wait for whoever writes to it
+            with Path(path).open("rb") as stream:
+                start = stream.read(4)
+    except (OSError, ValueError) as error:  # a ValueError: there is a zero in the name
+        reason = getattr(error, "strerror", None) or error
+        raise ExrError(f"{path} cannot be read ({reason}): give the path of an EXR file that can be") from None
+    if start != MAGIC:
+        raise ExrError(f"{path} is not an EXR file, whatever its name: it does not start with the EXR signature")
+
+
+def _damaged(path: str | os.PathLike[str], error: Exception) -> ExrError:
+    return ExrError(
+        f"{path} cannot be read, it is damaged or uses a feature that OpenEXR {OpenEXR.__version__} for Python "
+        f"lacks ({error}): render or copy it again"
+    )
 
 
 @contextlib.contextmanager
@@ -142,16 +160,9 @@ def save(path: str | os.PathLike[str], parts: Sequence[Part]) -> None:
         raise ExrError(f"{path} cannot be written ({error}): give the path of a file") from None
     if os.path.exists(final) and not os.path.isfile(final):  # noqa: PTH110, PTH113 (a Path's raise for odd names)
         raise ExrError(f"{path} is not a regular file: give the path of a file to write")
-    temporary = final.with_name(f".mcdenoise-{secrets.token_hex(8)}.tmp")
     try:
-        # Made here rather than by OpenEXR: never over an existing file, and with the permissions of any new file.
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-        try:
+        with unfinished(final) as temporary:
             _write(temporary, parts)
-            temporary.replace(final)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
     except Exception as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ExrError(

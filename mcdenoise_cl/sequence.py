@@ -1,130 +1,117 @@
-"""A frame and its neighbours in a sequence become one frame of less noise, which any method then filters."""
+"""Sequences: files that differ in the number of their frame."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
 
-import numpy as np
-import pyopencl as cl
+from .errors import ExrError, ParameterError
+from .methods.parameters import shown
 
-from .engine import Engine, Planes
-from .methods.facts import exposure_of
-from .methods.features import COLOR_VARIANCES, FEATURE_VARIANCES, FEATURES, color_variance, hold_back_outliers
-from .stages.box import rows_each
-from .stages.door import Strided
-from .stages.exit import leave
-from .stages.mean import plane_means
-from .stages.rows import cut
-from .stages.source import Source
-from .stages.temporal import (
-    BLOCK,
-    FARTHEST,
-    LIGHT_RADIUS,
-    SEARCH_RADIUS,
-    VARIANCE_RADIUS,
-    Look,
-    accumulate,
-    copies,
-    find_motion,
-    look_at,
-    normalise,
-    weigh,
-)
-from .stages.variance import clip, scale
-
-#: What frames are compared by, besides the colour.
-COMPARED = (*FEATURES, *FEATURE_VARIANCES, *COLOR_VARIANCES)
-#: The name of the motion vectors beside the planes of a neighbour.
-MOTION = "motion"
-#: An outlier is brighter than so many times its neighbours, as for `regression`.
-OUTLIER_LIMIT = 1.1
-#: Rows to each side that a row depends on: a pixel's window, the blocks around that of its last row, the search, and
-#: the variances there with the outliers around. And with motion vectors.
-REACH = LIGHT_RADIUS + 2 * BLOCK + SEARCH_RADIUS + VARIANCE_RADIUS + 1
-FAR_REACH = FARTHEST + REACH
+#: `####`, or `%04d` and `%d`.
+_TOKEN = re.compile(r"(?P<hashes>#+)|%(?:0(?P<width>\d+))?d")
+_RANGE = re.compile(r"(?P<first>-?\d+)(?:-(?P<last>-?\d+)(?:x(?P<every>\d+))?)?")
+#: More frames than anybody renders: a slip of the keyboard.
+MOST = 1_000_000
 
 
-@dataclass(frozen=True)
-class Merged:
-    """A frame with its neighbours merged into it.
+def parse_frames(text: str | Iterable[int]) -> list[int]:
+    """Numbers of frames from text such as "1-240", "1-240x2" for every second, or "1,5,10-20"; or from numbers.
 
-    Attributes:
-        arrays: its planes, float32 on the device, by name.
-        counts: of each band its rows, and the mean number of frames that were merged there, one float on the device.
+    Raises:
+        ParameterError: it is none of these, or more than a million.
+
+    Example:
+        >>> parse_frames("1-9x4,20")
+        [1, 5, 9, 20]
     """
-
-    arrays: dict[str, Strided]
-    counts: list[tuple[int, cl.MemoryObjectHolder]]
-
-    def mean(self, engine: Engine) -> float:
-        """How many frames a pixel is the mean of, on average; waits for it."""
-        values = []
-        for rows, buffer in self.counts:
-            value = np.empty(1, np.float32)
-            cl.enqueue_copy(engine.queue, value, buffer, is_blocking=True)
-            values.append((rows, float(value[0])))
-        return sum(rows * value for rows, value in values) / sum(rows for rows, _ in values)
-
-
-def reach_of(neighbours: Sequence[Mapping[str, Strided]]) -> int:
-    """Rows to each side that a row of the merged frame depends on."""
-    return FAR_REACH if any(MOTION in arrays for arrays in neighbours) else REACH
-
-
-def align_of(engine: Engine) -> int:
-    """Bands begin at multiples of so many rows: those of means, which are multiples of blocks'."""
-    return rows_each(engine, LIGHT_RADIUS)
+    if not isinstance(text, str):
+        try:
+            return [int(number) for number in text]
+        except (TypeError, ValueError):
+            raise ParameterError(
+                f"frames is {shown(text)} but text such as '1-240' or whole numbers are needed"
+            ) from None
+    ranges: list[range] = []
+    for word in text.split(","):
+        match = _RANGE.fullmatch(word.strip())
+        if match is None or match["every"] == "0":
+            raise ParameterError(f"frames is {shown(text)} but something like 1-240, 1-240x2 or 1,5,10-20 is needed")
+        first = int(match["first"])
+        last = first if match["last"] is None else int(match["last"])
+        if last < first:
+            raise ParameterError(f"frames is {shown(text)} but {last} comes before {first}: give the first frame first")
+        ranges.append(range(first, last + 1, int(match["every"] or 1)))
+    if sum(map(len, ranges)) > MOST:
+        raise ParameterError(f"frames is {shown(text)}, which is more than {MOST} frames: give fewer at a time")
+    return list(dict.fromkeys(number for each in ranges for number in each))
 
 
-def least_rows_to_merge(engine: Engine) -> int:
-    """As few as a band may have."""
-    return 2 * align_of(engine) + 2 * FAR_REACH
+def is_sequence(text: str) -> bool:
+    """Whether a path stands for a sequence, such as `shot.####.exr` or `shot.%04d.exr`."""
+    return _TOKEN.search(text) is not None
 
 
-def merge(engine: Engine, source: Source, neighbours: Sequence[Source], names: Sequence[str]) -> Merged:
-    """Merge the neighbours into a frame, `source.most` rows at a time.
+def expand(text: str, frames: Iterable[int]) -> list[Path]:
+    """The files of a sequence, whether they are there or not.
+
+    Example:
+        >>> [path.name for path in expand("shot.####.exr", (7, 12345))], expand("%02d.exr", [3])[0].name
+        (['shot.0007.exr', 'shot.12345.exr'], '03.exr')
+    """
+    return [Path(_TOKEN.sub(lambda token: f"{number:0{_width(token)}d}", text)) for number in frames]  # noqa: B023
+
+
+def find_frames(text: str) -> list[Path]:
+    """The files of a sequence that are there, in the order of their numbers.
+
+    Raises:
+        ExrError: there are none, their folder cannot be read, or the number is not in the name alone.
+    """
+    folder, name = Path(text).parent, Path(text).name
+    tokens = list(_TOKEN.finditer(name))
+    if len(tokens) != 1 or is_sequence(str(folder)):
+        raise ExrError(f"{text} has its number in more than one place: say which frames with --frames, such as 1-240")
+    token = tokens[0]
+    number = rf"(-?\d{{{_width(token)},}})"
+    form = re.compile(re.escape(name[: token.start()]) + number + re.escape(name[token.end() :]), re.IGNORECASE)
+    found = sorted((int(match[1]), entry) for entry in _names(folder) if (match := form.fullmatch(entry)))
+    if not found:
+        raise ExrError(f"no file is called {text}, with a number in the place of {token[0]}: look at the name")
+    return [folder / entry for _, entry in found]
+
+
+def find_neighbours(path: Path, count: int, listing: dict[Path, list[str]] | None = None) -> tuple[Path, ...]:
+    """The frames before and after one in its sequence, up to `count` on each side, in order.
+
+    The number of a frame is the last in its name; neighbours are the nearest numbers that are there.
 
     Args:
-        source: the frame, with what it is to be compared by; of these planes the bad pixels are counted.
-        neighbours: frames of the same size and planes, and their motion vectors where they are known.
-        names: the planes to be merged.
+        listing: remembers what is in a folder from one call to the next.
     """
-    targets = {name: _room_for(engine, source, name) for name in names}
-    exposure = exposure_of(engine, source, None)
-    counts = []
-    reach = reach_of([each.arrays for each in neighbours])
-    for rows in cut(source.height, source.most, reach, align_of(engine)):
-        planes = source.planes(rows, count=True)
-        own = _look(engine, planes, exposure)
-        sums = dict(zip(names, copies(engine, (planes[name] for name in names)), strict=True))
-        total = clip(engine, own.factor, 1.0, 1.0)
-        for neighbour in neighbours:
-            theirs = neighbour.planes(rows)
-            motion = theirs.pop(MOTION, None)
-            other = _look(engine, theirs, exposure)
-            weights = weigh(engine, own, other, find_motion(engine, own, other) if motion is None else motion, total)
-            for name in names:
-                kind = {"squared": name.endswith("_variance"), "light": name.startswith("color")}
-                accumulate(engine, sums[name], theirs[name], weights, **kind)
-        for name in names:
-            image = normalise(engine, sums[name], total, own, squared=name.endswith("_variance"))
-            leave(engine, rows.wanted(image), targets[name].rows(rows.first))
-        counts.append((rows.last - rows.first, plane_means(engine, rows.wanted(total))))
-    return Merged(targets, counts)
+    match = re.fullmatch(r"(?P<start>.*?)(?P<number>\d+)(?P<end>\D*)", path.name)
+    if match is None or count == 0:
+        return ()
+    listing = {} if listing is None else listing
+    if path.parent not in listing:
+        listing[path.parent] = _names(path.parent)
+    form = re.compile(re.escape(match["start"]) + r"(\d+)" + re.escape(match["end"]))
+    numbers = {int(m[1]): name for name in listing[path.parent] if (m := form.fullmatch(name))}
+    own = int(match["number"])
+    before = sorted(number for number in numbers if number < own)[-count:]
+    after = sorted(number for number in numbers if number > own)[:count]
+    return tuple(path.parent / numbers[number] for number in (*before, *after))
 
 
-def _look(engine: Engine, planes: dict[str, Planes], exposure: cl.MemoryObjectHolder) -> Look:
-    color = scale(engine, planes["color"], exposure)
-    variance = color_variance(engine, planes, color, exposure)
-    _, factor = hold_back_outliers(engine, planes, color, variance, OUTLIER_LIMIT)
-    features = {name: (planes[name], planes.get(f"{name}_variance")) for name in FEATURES if name in planes}
-    guessed = not any(name in planes for name in COLOR_VARIANCES)
-    return look_at(engine, features, color, variance, factor, guessed)
+def _width(token: re.Match[str]) -> int:
+    return len(token["hashes"]) if token["hashes"] else int(token["width"] or 1)
 
 
-def _room_for(engine: Engine, source: Source, name: str) -> Strided:
-    channels = source.arrays[name].channels
-    buffer = engine.frame_memory(4 * channels * source.height * source.width)
-    strides = channels * source.width, channels, 1 if channels > 1 else 0
-    return Strided(buffer, np.dtype("f4"), channels, 0, strides)
+def _names(folder: Path) -> list[str]:
+    try:
+        return os.listdir(folder)  # noqa: PTH208 (names are all that is needed)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ExrError(f"{folder} cannot be read ({reason}): give a folder of EXR files") from None

@@ -5,7 +5,7 @@ import inputs
 import numpy as np
 import pytest
 
-from mcdenoise_cl import batch
+from mcdenoise_cl import batch, job
 from mcdenoise_cl.api import denoise
 from mcdenoise_cl.errors import DeviceError, ExrError, FrameError, ParameterError
 from mcdenoise_cl.exr import read_exr, write_exr
@@ -124,7 +124,7 @@ def test_denoise_file_errors(tmp_path):
 def test_one_broken_file_does_not_stop_the_others(folder, tmp_path):
     out, seen = tmp_path / "new" / "out", []
     outcomes = batch.denoise_files(batch.find_exrs(folder), out, on_progress=seen.append, **FAST)
-    assert outcomes == seen
+    assert sorted(seen, key=lambda outcome: outcome.source) == outcomes, "each once, as they finish"
     assert [outcome.target for outcome in outcomes] == [out / name for name in ("a.exr", "b.exr", "c.exr")]
     assert [outcome.report is not None for outcome in outcomes] == [True, False, True]
     assert isinstance(outcomes[1].error, ExrError) and "b.exr is damaged or cut short" in str(outcomes[1].error)
@@ -148,12 +148,12 @@ def test_one_denoiser_for_frames_alike(tmp_path, monkeypatch):
     sources = [write_frame(tmp_path / f"{i}.exr", size=size, seed=i, features=i != 4) for i, size in enumerate(sizes)]
     made = []
 
-    class Counted(batch.Denoiser):
+    class Counted(job.Denoiser):
         def __init__(self, *size, method, **options):
             made.append((*size, method))
             super().__init__(*size, method=method, **options)
 
-    monkeypatch.setattr(batch, "Denoiser", Counted)
+    monkeypatch.setattr(job, "Denoiser", Counted)
     outcomes = batch.denoise_files(sources, tmp_path / "out")
     assert made == [(H, W, PRESETS[DEFAULT_PRESET].method), (9, 11, PRESETS[DEFAULT_PRESET].method)]
     for outcome in outcomes:
@@ -176,12 +176,14 @@ def test_what_is_wrong_with_all_is_said_at_once(folder, tmp_path):
 
 def test_interruption_leaves_whole_files(folder, tmp_path):
     def interrupt(outcome):
-        raise KeyboardInterrupt
+        if outcome.status == "done":
+            raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         batch.denoise_files(batch.find_exrs(folder), tmp_path / "out", on_progress=interrupt, **FAST)
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["a.exr"]
-    assert read_exr(tmp_path / "out" / "a.exr").shape == (H, W)
+    left = sorted((tmp_path / "out").iterdir())
+    assert left and {path.name for path in left} <= {"a.exr", "c.exr"}, "no part of a file"
+    assert all(read_exr(path).shape == (H, W) for path in left)
 
 
 def test_replaced_pixels_are_reported(tmp_path):

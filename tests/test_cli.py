@@ -162,7 +162,7 @@ def test_denoise_a_folder(folder, tmp_path):
     assert re.match(r"mcdenoise: .*in/b.exr is damaged or cut short, its pixels cannot be read", said[2])
     (folder / "b.exr").unlink()
     again = notes("denoise", folder, "-o", out, *FAST)
-    assert "0 of 2 files denoised; 2 skipped because the output exists (--force replaces it)\n" in again
+    assert "0 of 2 files denoised; 2 skipped, being up to date (--force does them again)\n" in again
     assert "2 of 2 files denoised with nlm on" in notes("denoise", folder, "-o", out, "--force", "--method", "nlm")
 
 
@@ -229,7 +229,13 @@ def test_wrong_usage(noisy, tmp_path, capsys):
             ["denoise", noisy, "-o", out, "--device", "no such"],
             "device is 'no such', which is none of the devices here",
         ),
-        (["denoise", noisy, tmp_path, "-o", out], "there is a folder among several inputs"),
+        (["denoise", "-o", out], "INPUT or --halves A B is needed, one of them; see mcdenoise denoise --help"),
+        (["denoise", noisy, "-o", out, "--halves", noisy, noisy], "INPUT or --halves A B is needed, one of them"),
+        (["denoise", noisy, "-o", out, "--frames", "1-4"], "--frames is given but"),
+        (["denoise", noisy, "-o", out, "--pairs"], "noisy.exr is one file: give a folder, a pattern or a sequence"),
+        (["denoise", tmp_path, "-o", out, "--frames", "1-4"], "frames is given but no input is a sequence"),
+        (["denoise", "a.##.exr", "-o", out, "--frames", "9-1"], "frames is '9-1' but 1 comes before 9"),
+        (["denoise", "a.##.exr", "-o", out, "--frames", "1-9y2"], "but something like 1-240, 1-240x2 or"),
         (["compare", noisy, "--reference", noisy, "--exposure", "0"], "exposure is 0.0 but a number above 0 is needed"),
         (["render", "room", "--spp", "1"], "-o FILE is missing; see mcdenoise render --help"),
     ):
@@ -267,7 +273,7 @@ def test_failures(noisy, tmp_path, capsys):
 def test_debug_shows_the_traceback(tmp_path):
     for arguments in (["--debug", "denoise", "no.exr", "-o", "x.exr"], ["denoise", "no.exr", "-o", "x.exr", "--debug"]):
         done = subprocess.run([COMMAND, *arguments], capture_output=True, text=True, cwd=tmp_path)
-        assert done.returncode == 1 and "Traceback" in done.stderr and "in denoise_file" in done.stderr
+        assert done.returncode == 1 and "Traceback" in done.stderr and "in run_job" in done.stderr
         assert done.stderr.splitlines()[-1].startswith("mcdenoise: no.exr cannot be read")
 
 

@@ -6,7 +6,7 @@ import pyopencl as cl
 import pyopencl.array as cl_array
 import pytest
 
-from mcdenoise_cl import Denoiser, DeviceError, FrameError, api, batch, denoise, engine, read_exr, write_exr
+from mcdenoise_cl import Denoiser, DeviceError, FrameError, api, batch, denoise, engine, job, read_exr, write_exr
 from mcdenoise_cl import device as devices
 from mcdenoise_cl.cli import main
 from mcdenoise_cl.device import context_for, list_devices
@@ -150,7 +150,7 @@ def test_a_batch_goes_on_and_leaves_no_part_of_a_file(sources, tmp_path, monkeyp
     batch.denoise_files(sources[:1], tmp_path / "counted", **SMALL)
     lose_at(monkeypatch, launches() + 3)  # within the second frame
     made = []
-    monkeypatch.setattr(batch, "Denoiser", lambda *args, **options: made.append(1) or Denoiser(*args, **options))
+    monkeypatch.setattr(job, "Denoiser", lambda *args, **options: made.append(1) or Denoiser(*args, **options))
     outcomes = batch.denoise_files(sources, tmp_path / "out", **SMALL)
     assert [type(outcome.error) for outcome in outcomes] == [type(None), DeviceError, type(None)]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.exr", "c.exr"]

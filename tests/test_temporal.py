@@ -11,10 +11,10 @@ from test_stages import close
 from transfer import to_array, to_planes
 
 from mcdenoise_cl import Denoiser, Frame, denoise
-from mcdenoise_cl import sequence as module
+from mcdenoise_cl import neighbours as module
 from mcdenoise_cl.errors import FrameError
 from mcdenoise_cl.frame import PLANES
-from mcdenoise_cl.sequence import Merged, merge
+from mcdenoise_cl.neighbours import Merged, merge
 from mcdenoise_cl.stages import temporal
 from mcdenoise_cl.stages.door import door, upload
 from mcdenoise_cl.stages.source import Source
