@@ -11,7 +11,6 @@
  * planes of colour, outliers held back, and the sum of their variances.
  */
 #include "common.h"
-#include "inline.h"
 
 /* Offsets a side of the search window, and pixels a side of the blocks. */
 #define SPAN (2 * SEARCH_RADIUS + 1)
@@ -41,12 +40,16 @@
 #define PIXEL_LAST 3.f
 #define LIGHT_FIRST 0.6f
 #define LIGHT_LAST 2.f
+/* And that of the pixel alone, beside edges of suns and lamps: squared difference over noise. One bright sample in nine
+ * pixels makes 9. */
+#define SPIKE_FIRST 16.f
+#define SPIKE_LAST 36.f
 /* Where the noise is guessed from the image, which takes edges for noise: brightness that differs by this part of the
  * sum of both. */
 #define GAIN_FIRST 0.25f
 #define GAIN_LAST 0.5f
 
-INLINE float kept(float x, float first, float last)
+inline float kept(float x, float first, float last)
 {
     const float t = clamp((last - x) / (last - first), 0.f, 1.f);
     return t * t * (3.f - 2.f * t);
@@ -83,7 +86,7 @@ INLINE float kept(float x, float first, float last)
 #endif
 #define MISMATCH(A, B) (0.f WITH_ALBEDO(A, B) WITH_NORMAL(A, B) WITH_DEPTH(A, B) WITH_COLOR(A, B))
 
-INLINE float total8(float8 v)
+inline float total8(float8 v)
 {
     const float4 four = v.lo + v.hi;
     return (four.x + four.y) + (four.z + four.w);
@@ -111,7 +114,7 @@ kernel void match_costs(CONST_PLANES(own), CONST_PLANES(other), int height, int 
 }
 
 /* The cost of an offset for a block: the mean over it and those around, weighted 1 2 1 both ways; and of moving. */
-INLINE float cost_of(CONST_PLANES(costs), int down, int across, int height, int width, int y, int x, int dy, int dx)
+inline float cost_of(CONST_PLANES(costs), int down, int across, int height, int width, int y, int x, int dy, int dx)
 {
     const int offset = (dy + SEARCH_RADIUS) * SPAN + dx + SEARCH_RADIUS;
     float sum = 0.f, weights = 0.f;
@@ -127,7 +130,7 @@ INLINE float cost_of(CONST_PLANES(costs), int down, int across, int height, int 
 #define COST(dy, dx) cost_of(costs, costs_origin, costs_row, costs_plane, down, across, height, width, y, x, dy, dx)
 
 /* From a cost and those to both sides: where between them it is least. */
-INLINE float part_of_pixel(float before, float here, float after)
+inline float part_of_pixel(float before, float here, float after)
 {
     const float part = clamp(0.5f * (before - after) / (fmax(before + after - 2.f * here, 0.f) + BENT), -0.5f, 0.5f);
     return fabs(part) < SNAP ? 0.f : part;
@@ -167,7 +170,7 @@ typedef struct {
     float weight[4];
 } taps;
 
-INLINE taps taps_of(CONST_PLANES(motion), int block, int height, int width, int y, int x)
+inline taps taps_of(CONST_PLANES(motion), int block, int height, int width, int y, int x)
 {
     taps t;
     const float dx = AT(motion, 0, y / block, x / block), dy = AT(motion, 1, y / block, x / block);
@@ -187,7 +190,7 @@ INLINE taps taps_of(CONST_PLANES(motion), int block, int height, int width, int 
 #define TAPS taps_of(motion, motion_origin, motion_row, motion_plane, block, height, width, y, x)
 
 /* Five planes of tests: the mismatch of a pixel and what has become of it, their squared difference in light, the
- * variance of that, and the brightness of both. And the weights of the four pixels: their sum is 1, or 0. */
+ * variance of that, and the brightness of both. And the weights of the four pixels: their sum is 1, or less. */
 #define GUIDE (CHANNELS + GROUPS)
 #define HERE(c) here[c]
 #define THERE(c) there[c]
@@ -213,7 +216,6 @@ kernel void compare(CONST_PLANES(own), CONST_PLANES(other), CONST_PLANES(light),
     }
     for (int i = 0; i < 4; i++) {
         const float w = sum > 0.f ? weight[i] / sum : 0.f;
-        AT(weights, i, y, x) = w;
         for (int c = 0; c < GUIDE; c++)
             moved[c] += (c < CHANNELS ? w : w * w) * AT(other, c, t.y[i / 2], t.x[i % 2]);
         for (int c = 0; c < 4; c++)
@@ -222,9 +224,13 @@ kernel void compare(CONST_PLANES(own), CONST_PLANES(other), CONST_PLANES(light),
     float squares = 0.f;
     for (int c = 0; c < 3; c++)
         squares += SQUARE(AT(light, c, y, x) - colors[c]);
+    const float noise = AT(light, 3, y, x) + colors[3];
+    const float same = kept(squares / (noise + 1e-9f), SPIKE_FIRST, SPIKE_LAST);
+    for (int i = 0; i < 4; i++)
+        AT(weights, i, y, x) = sum > 0.f ? same * weight[i] / sum : 0.f;
     AT(tests, 0, y, x) = sum > 0.f ? fmin(MISMATCH(HERE, MOVED), MOST) : MOST;
     AT(tests, 1, y, x) = sum > 0.f ? squares : 0.f;
-    AT(tests, 2, y, x) = sum > 0.f ? AT(light, 3, y, x) + colors[3] : 0.f;
+    AT(tests, 2, y, x) = sum > 0.f ? noise : 0.f;
     AT(tests, 3, y, x) = AT(light, 0, y, x) + AT(light, 1, y, x) + AT(light, 2, y, x);
     AT(tests, 4, y, x) = sum > 0.f ? colors[0] + colors[1] + colors[2] : AT(tests, 3, y, x);
 }

@@ -16,7 +16,7 @@ import oracle_regression
 RADIUS, BLOCK, FARTHEST = 4, 8, 64
 MOST, STAY, BENT, SNAP = 8.0, 0.05, 0.1, 0.15
 TOLERANCE = {"albedo": 0.05**2, "normal": 0.1**2, "depth": 0.05**2}
-TAP, PIXEL, LIGHT, GAIN = (1.0, 4.0), (1.0, 3.0), (0.6, 2.0), (0.25, 0.5)
+TAP, PIXEL, LIGHT, SPIKE, GAIN = (1.0, 4.0), (1.0, 3.0), (0.6, 2.0), (16, 36), (0.25, 0.5)
 
 
 def kept(x: np.ndarray, first: float, last: float) -> np.ndarray:
@@ -163,6 +163,7 @@ def weigh(
     seen = np.where(there[..., None], moved(other_light, 3), light)
     squares = np.where(there, ((light[..., :3] - seen[..., :3]) ** 2).sum(-1), 0)
     noise = np.where(there, light[..., 3] + seen[..., 3], 0)
+    weights = weights * kept(squares / (noise + 1e-9), *SPIKE)[..., None]
     differs, squares, noise = (
         oracle.box_mean(image[..., None], radius)[..., 0] for image, radius in ((differs, 1), (squares, 3), (noise, 3))
     )

@@ -10,7 +10,7 @@ from moving import frame_at, planes_at
 from test_stages import close
 from transfer import to_array, to_planes
 
-from mcdenoise_cl import Denoiser, Frame, denoise
+from mcdenoise_cl import Denoiser, Frame, cli, denoise, read_exr, write_exr
 from mcdenoise_cl import neighbours as module
 from mcdenoise_cl.errors import FrameError
 from mcdenoise_cl.frame import PLANES
@@ -261,6 +261,19 @@ def test_what_a_row_depends_on_lies_within_reach(engine, plane, of_neighbour, mo
             rows = np.flatnonzero((after[name] != before[name]).reshape(height, -1).any(1))
             farthest = max(farthest, abs(rows - row).max(initial=-1))
     assert 0 <= farthest <= (module.FAR_REACH if plane == "motion" else module.REACH)
+
+
+def test_a_sequence_of_files(tmp_path):
+    """`--temporal 1` is `neighbours` of the frames beside, whose numbers are in the names of the files."""
+    paths = [tmp_path / f"shot.{number:04d}.exr" for number in (8, 9, 10)]
+    for seed, path in enumerate(paths):
+        write_exr(path, frame_at(*SIZE, seed=seed))
+    command = [str(tmp_path / "shot.####.exr"), "-o", str(tmp_path / "out"), "--method", "guided", "--temporal"]
+    frames = [read_exr(path) for path in paths]
+    for count, near in (("1", frames[::2]), ("0", [])):
+        assert cli.main(["denoise", *command, count, "--force"]) == 0
+        written = read_exr(tmp_path / "out" / paths[1].name).color
+        np.testing.assert_array_equal(written, denoise(frames[1], method="guided", neighbours=near))
 
 
 @pytest.mark.parametrize(
