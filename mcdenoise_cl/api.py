@@ -21,6 +21,7 @@ from .errors import BudgetError, DeviceError, FrameError, NoRoomError, Parameter
 from .frame import PLANES, Frame
 from .methods import Method, get_method, settle
 from .methods.parameters import make, shown
+from .neighbours import COMPARED, MOTION, Merged, least_rows_to_merge, merge
 from .stages.door import Strided, strided, upload
 from .stages.source import Source
 
@@ -89,6 +90,7 @@ class Denoiser:
         self._rows = first_guess(self.height, self.width, self._engine.budget, self._least_rows)
         self._last: tuple[Filtered, tuple[str, ...], cl.MemoryObjectHolder] | None = None
         self._also: dict[str, Any] = {}
+        self._merged: Merged | None = None
 
     def _errors(self) -> contextlib.AbstractContextManager[None]:
         return device_errors(self._name, self._device)
@@ -113,7 +115,8 @@ class Denoiser:
         with self._lock, self._errors():
             found, names, bad = self._last_frame()
             replaced = self._replaced(names, bad)
-            return make_report(self._engine, self.method, self.parameters, found.result, found.summaries, replaced)
+            known = self.method, self.parameters, found.result, found.summaries, replaced, self._merged
+            return make_report(self._engine, *known)
 
     @property
     def model_map(self) -> np.ndarray | None:
@@ -157,6 +160,7 @@ class Denoiser:
         *,
         out: Any = None,
         also: Mapping[str, Any] | None = None,
+        neighbours: Iterable[Frame] = (),
         **planes: Any,
     ) -> Any:
         """Denoise one frame.
@@ -166,6 +170,9 @@ class Denoiser:
             out: an array of the frame's shape and side (host or device) to write to, any supported dtype.
             also: further layers by name, (H, W, 3) like the colour, to be filtered with what is found for it. They come
                 in `Denoiser.also`, each in its dtype; see `denoise`.
+            neighbours: frames before and after it in a sequence, in any order, of the same size, on the same side, with
+                at least the same planes: what they show of the same is merged into the frame first. With `motion`
+                where it is known (see `Frame`), else it is searched for, up to 4 pixels to each side.
             **planes: `albedo=`, `normal=`, ... where `frame_or_color` is an array.
 
         Returns:
@@ -174,15 +181,21 @@ class Denoiser:
 
         Raises:
             FrameError: the frame has another size, lacks a plane that the method needs, lies in another context,
-                has no finite pixel (host frames; on the device such a frame comes out black), or `out` does not fit.
+                has no finite pixel (host frames; on the device such a frame comes out black), or `out` or a neighbour
+                does not fit.
             DeviceError: the device has no room, or has failed: then make another Denoiser.
         """
         frame = as_frame(frame_or_color, planes)
         self._check(frame, out)
         layers = check_layers(also, frame)
+        near = self._checked_neighbours(frame, neighbours)
+        if layers and near:
+            raise FrameError(
+                "also and neighbours are both given, but only the colour is merged with neighbours: leave one of them out"
+            )
         run = self._run_device if frame.on_device else self._run_host
         with self._lock, self._errors():
-            return run(frame, layers, out)
+            return run(frame, near, layers, out)
 
     def _check(self, frame: Frame, out: Any) -> None:
         if frame.shape != (self.height, self.width):
@@ -206,19 +219,60 @@ class Denoiser:
         if not frame.on_device and not out.flags.writeable:
             raise FrameError("out is read-only: pass an array that can be written")
 
-    def _used(self, frame: Frame) -> dict[str, Any]:
-        present = frame.planes()
-        return {name: present[name] for name in self.method.takes(present)}
+    def _checked_neighbours(self, frame: Frame, neighbours: Iterable[Frame]) -> list[Frame]:
+        near = list(neighbours)
+        for i, neighbour in enumerate(near):
+            if not isinstance(neighbour, Frame):
+                raise FrameError(f"neighbours[{i}] is a {type(neighbour).__name__} but a Frame is needed")
+            if neighbour is frame:
+                raise FrameError(f"neighbours[{i}] is the frame itself, which adds nothing: leave it out")
+            if neighbour.shape != frame.shape:
+                raise FrameError(
+                    f"neighbours[{i}] is {neighbour.shape} but the frame is {frame.shape}: all frames of a sequence "
+                    "share height and width"
+                )
+            if neighbour.on_device != frame.on_device:
+                sides = ("device", "host") if neighbour.on_device else ("host", "device")
+                raise FrameError(
+                    f"neighbours[{i}] is in {sides[0]} memory but the frame is in {sides[1]} memory: pass every frame "
+                    "on the same side"
+                )
+            missing = [name for name in self._used(frame, True) if name not in neighbour.planes()]
+            if missing:
+                raise FrameError(
+                    f"neighbours[{i}] has no {missing[0]} but the frame has: pass it, or leave it out of the frame"
+                )
+        return near
 
-    def _run_host(self, frame: Frame, layers: dict[str, np.ndarray], out: np.ndarray | None) -> np.ndarray:
+    def _used(self, frame: Frame, merging: bool) -> dict[str, Any]:
+        """The planes that the method takes and, where neighbours are merged, those by which they are compared."""
+        present = frame.planes()
+        names = {*self.method.takes(present), *(COMPARED if merging else ())}
+        return {name: plane for name, plane in present.items() if name in names}
+
+    def _used_of_all(self, frame: Frame, neighbours: list[Frame], layers: dict[str, Any]) -> list[dict[str, Any]]:
+        """The same of the frame, with its further layers, and of each neighbour, with motion where it is known."""
+        own = self._used(frame, bool(neighbours))
+        used = [own | layers]
+        for neighbour in neighbours:
+            used.append({name: getattr(neighbour, name) for name in own})
+            if neighbour.motion is not None:
+                used[-1][MOTION] = neighbour.motion
+        return used
+
+    def _run_host(
+        self, frame: Frame, neighbours: list[Frame], layers: dict[str, np.ndarray], out: np.ndarray | None
+    ) -> np.ndarray:
         engine = self._engine
         engine.start()
         alive = []  # what is uploaded must not go before the queue has taken it
         try:
-            arrays = {}
-            for name, plane in (self._used(frame) | layers).items():
-                arrays[name], host = upload(engine, plane)
-                alive.append(host)
+            arrays: list[dict[str, Strided]] = []
+            for used in self._used_of_all(frame, neighbours, layers):
+                arrays.append({})
+                for name, plane in used.items():
+                    arrays[-1][name], host = upload(engine, plane)
+                    alive.append(host)
             return self._download(arrays, frame, layers, out)
         except BaseException:
             with contextlib.suppress(cl.Error):  # where the device is gone, nothing reads them any more
@@ -226,7 +280,7 @@ class Denoiser:
             raise
 
     def _download(
-        self, arrays: dict[str, Strided], frame: Frame, layers: dict[str, np.ndarray], out: np.ndarray | None
+        self, arrays: list[dict[str, Strided]], frame: Frame, layers: dict[str, np.ndarray], out: np.ndarray | None
     ) -> np.ndarray:
         dtypes = [frame.color.dtype if out is None else out.dtype, *(layer.dtype for layer in layers.values())]
         color, *others = (self._room_for(dtype) for dtype in dtypes)
@@ -258,28 +312,32 @@ class Denoiser:
         return {name.removeprefix(PREFIX): layer for name, layer in zip(layers, found, strict=True)}
 
     def _run_device(
-        self, frame: Frame, layers: dict[str, cl_array.Array], out: cl_array.Array | None
+        self,
+        frame: Frame,
+        neighbours: list[Frame],
+        layers: dict[str, cl_array.Array],
+        out: cl_array.Array | None,
     ) -> cl_array.Array:
         engine = self._engine
-        used = self._used(frame) | layers
+        used = self._used_of_all(frame, neighbours, layers)
+        everything = [(name, array) for planes in used for name, array in planes.items()]
         if out is not None:
-            used["out"] = out
-        for name, array in used.items():
+            everything.append(("out", out))
+        for name, array in everything:
             if array.context != engine.context:
                 raise FrameError(
                     f"{name} lies in another OpenCL context than this Denoiser's queue: "
                     "make the Denoiser with queue=color.queue, or copy the array"
                 )
-        waits = [event for array in used.values() for event in array.events]
+        waits = [event for _, array in everything for event in array.events]
         if waits:
             cl.enqueue_barrier(engine.queue, wait_for=waits)
         engine.start()
-        used.pop("out", None)
         shape = self.height, self.width, 3
         if out is None:
             out = cl_array.empty(engine.queue, shape, frame.color.dtype)
         others = [cl_array.empty(engine.queue, shape, layer.dtype) for layer in layers.values()]
-        arrays = {name: strided(array) for name, array in used.items()}
+        arrays = [{name: strided(array) for name, array in planes.items()} for planes in used]
         self._filter(arrays, tuple(layers), strided(out), [strided(array) for array in others])
         for array in (out, *others):
             array.add_event(cl.enqueue_marker(engine.queue))
@@ -287,27 +345,45 @@ class Denoiser:
         return out
 
     def _filter(
-        self, arrays: dict[str, Strided], layers: tuple[str, ...], target: Strided, others: Sequence[Strided]
+        self, arrays: list[dict[str, Strided]], layers: tuple[str, ...], target: Strided, others: Sequence[Strided]
     ) -> None:
-        """Fewer rows at a time until there is room for them; how many is remembered for the next frame."""
+        """Fewer rows at a time until there is room for them; how many is remembered for the next frame.
+
+        `arrays` are those of the frame and then those of each neighbour.
+        """
         engine, method, p = self._engine, self.method, self.parameters
-        self._last = None  # what it keeps takes room
+        self._last = self._merged = None  # what they keep takes room
         self._also = {}
+        least = self._least_rows
+        if len(arrays) > 1:
+            least = min(self.height, max(least, least_rows_to_merge(engine)))
+            self._rows = max(self._rows, least)
         while True:
-            bad = engine.zeros(len(arrays))
-            most = max(min(self._rows, most_rows(self.width, len(layers))), self._least_rows)
-            source = Source(engine, arrays, self.height, self.width, bad, most, layers)
+            most = max(min(self._rows, most_rows(self.width, len(layers))), least)
+            bad = engine.zeros(len(arrays[0]))
+            source, merged = self._source(arrays[0], bad, most, layers), None
             try:
+                if len(arrays) > 1:
+                    near = [self._source(each, engine.zeros(len(each)), most) for each in arrays[1:]]
+                    merged = merge(engine, source, near, method.takes(arrays[0]))
+                    source = self._source(merged.arrays, engine.zeros(len(merged.arrays)), most)
                 found = filter_frame(engine, method, source, p, target, others)
                 break
             except NoRoomError as error:
-                rows = fewer_rows(most, self._least_rows)
+                rows = fewer_rows(most, least)
                 if rows is None:
                     raise self._no_room(error) from error
                 self._rows = rows
-            del source, bad
+            near = None
+            del source, bad, merged
             engine.release()
-        self._last = found, tuple(arrays), bad
+        self._last = found, tuple(arrays[0]), bad
+        self._merged = merged
+
+    def _source(
+        self, arrays: dict[str, Strided], bad: cl.MemoryObjectHolder, most: int, layers: tuple[str, ...] = ()
+    ) -> Source:
+        return Source(self._engine, arrays, self.height, self.width, bad, most, layers)
 
     @property
     def _least_rows(self) -> int:
@@ -352,6 +428,7 @@ def denoise(
     depth_variance: Any = None,
     color_a: Any = None,
     color_b: Any = None,
+    neighbours: Iterable[Frame] = (),
     method: str | None = None,
     preset: str | None = None,
     device: str | int | cl.Device | None = None,
@@ -369,6 +446,8 @@ def denoise(
             the host.
         albedo, normal, depth, color_variance, albedo_variance, normal_variance, depth_variance, color_a, color_b:
             further planes of the frame where `frame_or_color` is an array; see `Frame`.
+        neighbours: frames before and after it in a sequence, as for `Denoiser.__call__`: what they show of the same is
+            merged into the frame first.
         method: a name of `methods()`.
         preset: "fast", "balanced" or "high" instead of a method; "high" if neither is given.
         device: index, part of a name, or `pyopencl.Device`, for NumPy input; None: the default device.
@@ -428,7 +507,7 @@ def denoise(
         max_memory_mb=max_memory_mb,
         **parameters,
     )
-    image = denoiser(frame, out=out, also=also)
+    image = denoiser(frame, out=out, also=also, neighbours=neighbours)
     if not details:
         return image
     return Denoised(image, denoiser.model_map, denoiser.error_map, denoiser.report, also=denoiser.also)

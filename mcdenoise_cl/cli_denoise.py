@@ -61,6 +61,13 @@ from .methods.parameters import parse
 @click.option("--pairs", is_flag=True, help="name.a.exr and name.b.exr are two such renderings of name.exr.")
 @click.option("--recursive", is_flag=True, help="Look into folders in folders too.")
 @click.option("--frames", metavar="RANGE", help="Frames of shot.####.exr: 1-240, 1-240x2 for every second, 1,5,10-20.")
+@click.option(
+    "--temporal",
+    type=click.IntRange(min=0),
+    default=0,
+    metavar="N",
+    help="Merge what N frames before and after show of the same, found by the numbers in their names. Default: 0.",
+)
 @click.option("--dry-run", is_flag=True, help="Say what would be done and why, and do nothing.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON on stdout for each thing that happens.")
 @force_option
@@ -83,6 +90,7 @@ def denoise(
     dry_run: bool,
     as_json: bool,
     halves: tuple[str, str] | None,
+    temporal: int,
     **chosen: Any,
 ) -> int:
     """Denoise EXR files.
@@ -99,6 +107,7 @@ def denoise(
     mcdenoise denoise frames/ -o clean/ --preset balanced
     mcdenoise denoise noisy.exr -o clean.exr --also diffuse,specular
     mcdenoise denoise 'shot.####.exr' --frames 1-240 -o clean/ --device all
+    mcdenoise denoise 'shot.####.exr' -o clean/ --temporal 1
     mcdenoise denoise --halves seed1.exr seed2.exr -o clean.exr
     """
     from . import batch, selection
@@ -120,6 +129,7 @@ def denoise(
         samples_per_pixel=samples,
         max_memory_mb=max_memory_mb,
         also=automatic or _names(also),
+        temporal=temporal,
         **parameters,
     )
     given = [halves] if halves else inputs

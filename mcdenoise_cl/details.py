@@ -13,6 +13,7 @@ from .engine import Engine, Planes
 from .methods import Method
 from .methods.auto import CANDIDATES
 from .methods.result import Result
+from .neighbours import Merged
 from .stages.mean import plane_means
 from .stages.rows import Rows
 
@@ -34,6 +35,7 @@ class Report:
             methods that fit, and features that are there.
         shares: part, 0 to 1, that each candidate has in the result; only for `auto`.
         estimated_error: mean of the error map; None where the method does not estimate it.
+        merged: frames that a pixel is the mean of, on average; 1 without neighbours.
         stage_ms: device milliseconds of each stage; empty if the queue has no profiling.
     """
 
@@ -47,6 +49,7 @@ class Report:
     features_used: dict[str, float]
     shares: dict[str, float]
     estimated_error: float | None
+    merged: float
     stage_ms: dict[str, float]
 
 
@@ -127,12 +130,14 @@ def make_report(
     result: Result,
     summaries: Callable[[bool], list[Summary]],
     replaced: dict[str, int],
+    merged: Merged | None = None,
 ) -> Report:
     """Read what a method found from the device; waits for it.
 
     Args:
         result: of the frame, or of any of its bands: exposure, noise level and features are those of the frame.
         summaries: one a band.
+        merged: what became of the frame's neighbours.
     """
     stage_ms = engine.stage_times()  # before what follows adds to it
     device, parts = engine.device, summaries(False)
@@ -149,6 +154,7 @@ def make_report(
         features_used=_features_used(engine, result.feature_names, parts),
         shares=dict(zip(CANDIDATES, shares, strict=True)) if shares else {},
         estimated_error=error[0] if error else None,
+        merged=merged.mean(engine) if merged else 1.0,
         stage_ms=stage_ms,
     )
 

@@ -43,6 +43,9 @@ class Frame:
         color_variance, albedo_variance, normal_variance: (H, W, 3), variance of the pixel mean.
         depth_variance: (H, W), variance of the pixel mean.
         color_a, color_b: (H, W, 3), two independent renderings with half the samples each, whose mean is `color`.
+        motion: (H, W, 2), only of a neighbour in a sequence: how far what each pixel of the frame shows has moved in
+            this neighbour, to the right and down, in pixels. Pixel (x, y) of the frame is found here at
+            (x + motion[y, x, 0], y + motion[y, x, 1]). None: it is searched for.
         metadata: free-form facts, for instance `samples_per_pixel`.
 
     Raises:
@@ -66,6 +69,7 @@ class Frame:
     depth_variance: Any = None
     color_a: Any = None
     color_b: Any = None
+    motion: Any = None
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -76,6 +80,9 @@ class Frame:
         for name, plane in self.planes().items():
             _check_type(name, plane)
             _check_shape(name, plane, tuple(self.color.shape[:2]), scalar=name in SCALAR_PLANES)
+        if self.motion is not None:
+            _check_type("motion", self.motion)
+            _check_motion(tuple(self.motion.shape), self.shape)
         if (self.color_a is None) != (self.color_b is None):
             have, lack = ("color_a", "color_b") if self.color_b is None else ("color_b", "color_a")
             raise FrameError(f"{have} is given but {lack} is not: pass both half buffers, or neither")
@@ -83,7 +90,8 @@ class Frame:
             feature = name.removesuffix("_variance")
             if feature != name and getattr(self, name) is not None and getattr(self, feature) is None:
                 raise FrameError(f"{name} is given but {feature} is not: pass {feature} too, or leave {name} out")
-        kinds = {name: isinstance(plane, cl_array.Array) for name, plane in self.planes().items()}
+        arrays = self.planes() | ({} if self.motion is None else {"motion": self.motion})
+        kinds = {name: isinstance(plane, cl_array.Array) for name, plane in arrays.items()}
         if len(set(kinds.values())) > 1:
             host = next(name for name, on_device in kinds.items() if not on_device)
             device = next(name for name, on_device in kinds.items() if on_device)
@@ -102,8 +110,8 @@ class Frame:
         return isinstance(self.color, cl_array.Array)
 
     def planes(self) -> dict[str, Any]:
-        """The planes that are present, by name, `color` first."""
-        present = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "metadata"}
+        """The planes that are present, by name, `color` first; without `motion`."""
+        present = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("motion", "metadata")}
         return {name: plane for name, plane in present.items() if plane is not None}
 
 
@@ -133,6 +141,12 @@ def _check_type(name: str, plane: Any) -> None:
         raise FrameError(f"{name} has dtype {dtype} but float16, float32 or float64 is needed: {why}")
     if isinstance(plane, np.ma.MaskedArray):
         raise FrameError(f"{name} is a masked array, whose mask would be lost: fill it first, {name}.filled(0)")
+
+
+def _check_motion(shape: tuple[int, ...], size: tuple[int, int]) -> None:
+    if shape != (*size, 2):
+        hint = ": pass the two channels that belong to this neighbour" if shape[:2] == size and len(shape) == 3 else ""
+        raise FrameError(f"motion is {shape} but {(*size, 2)} is needed, pixels to the right and down{hint}")
 
 
 def _check_shape(name: str, plane: Any, size: tuple[int, int], *, scalar: bool) -> None:

@@ -101,10 +101,14 @@ class Recipe:
 
         Raises:
             ParameterError: an unknown method or preset, both of them, a parameter that the method refuses, or
-                `temporal` below 0.
+                `temporal` below 0, or both `temporal` and `also`.
         """
         if isinstance(temporal, bool) or not isinstance(temporal, int | np.integer) or temporal < 0:
             raise ParameterError(f"temporal is {shown(temporal)} but a whole number of frames, 0 or more, is needed")
+        if temporal and also:
+            raise ParameterError(
+                "temporal and also are both given, but only the colour is merged with neighbours: leave one of them out"
+            )
         name, parameters = settle(method, preset, parameters)
         values = asdict(make(get_method(name).make, name, parameters))
         return cls(

@@ -6,7 +6,7 @@ import importlib
 import os
 import sys
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,7 @@ def render(
     height: int | None = None,
     seed: int = 0,
     halves: bool = False,
+    move: Sequence[float] = (0.0, 0.0, 0.0),
     variant: str | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Frame:
@@ -61,6 +62,7 @@ def render(
         width, height: pixels; None takes 640 x 360, or what the XML file says. One alone keeps the aspect ratio.
         seed: the same seed repeats the same samples, on the same variant; a reference wants another seed.
         halves: also give `color_a` and `color_b`, of spp / 2 samples each, whose mean `color` is.
+        move: how far the camera is moved to its right, up and forward, in scene units: for sequences.
         variant: see `pick_variant`. The caller's current variant is restored.
         on_progress: called with (samples per pixel done, samples per pixel in all) after each pass.
 
@@ -79,14 +81,14 @@ def render(
         >>> frame.shape, frame.depth_variance.dtype.name
         ((9, 16), 'float32')
     """
-    _check(spp, width, height, seed, halves)
+    _check(spp, width, height, seed, halves, move)
     name, load = _locate(scene)
     mi = import_mitsuba()
     variant = pick_variant(variant)
     parts = [_Moments() for _ in range(2 if halves else 1)]
     with _quiet(mi, variant):
         with _explained(name):
-            loaded, integrator = load(mi, width, height)
+            loaded, integrator = load(mi, width, height, move)
         passes = _passes(mi, loaded, integrator, spp, len(parts), seed)
         done = 0
         while done < spp:
@@ -101,7 +103,7 @@ def render(
     return _frame(parts, {"samples_per_pixel": spp, "scene": name, "seed": seed, "variant": variant})
 
 
-def _check(spp: int, width: int | None, height: int | None, seed: int, halves: bool) -> None:
+def _check(spp: int, width: int | None, height: int | None, seed: int, halves: bool, move: Sequence[float]) -> None:
     if spp < 1:
         raise RenderError(f"spp is {spp} but at least one sample per pixel is needed: pass spp=1 or more")
     if halves and spp % 2:
@@ -111,6 +113,8 @@ def _check(spp: int, width: int | None, height: int | None, seed: int, halves: b
             raise RenderError(f"{name} is {value} but a frame needs at least one pixel: pass {name}=1 or more")
     if seed < 0:
         raise RenderError(f"seed is {seed} but it cannot be negative: pass 0 or more")
+    if np.shape(move) != (3,) or not np.isfinite(move).all():
+        raise RenderError(f"move is {move!r} but three numbers are needed: how far to the right, up and forward")
 
 
 def _scene_folder() -> Path:
@@ -120,20 +124,20 @@ def _scene_folder() -> Path:
 
 
 def _locate(scene: str | os.PathLike[str]) -> tuple[str, Callable]:
-    """The scene's name, and what loads it: (mi, width, height) -> (scene, integrator)."""
+    """The scene's name, and what loads it: (mi, width, height, move) -> (scene, integrator)."""
     ours = scene_names()
     if str(scene) in ours:
-        return str(scene), lambda mi, width, height: _load_ours(mi, str(scene), width, height)
+        return str(scene), lambda mi, *how: _load_ours(mi, str(scene), *how)
     path = Path(scene)
     if path.suffix.lower() == ".xml" and path.is_file():
-        return path.stem, lambda mi, width, height: _load_xml(mi, path, width, height)
+        return path.stem, lambda mi, *how: _load_xml(mi, path, *how)
     raise RenderError(
         f"scene is {str(scene)!r} but it is none of {', '.join(ours)} and no .xml file: "
         "pass one of these names or the path of a Mitsuba .xml"
     )
 
 
-def _load_ours(mi: Any, name: str, width: int | None, height: int | None) -> tuple[Any, Any]:
+def _load_ours(mi: Any, name: str, width: int | None, height: int | None, move: Sequence[float]) -> tuple[Any, Any]:
     # A scene imports its helpers from the same folder, which is a package only here.
     package = types.ModuleType("mcdenoise_cl_scenes")
     package.__path__ = [str(_scene_folder())]
@@ -141,10 +145,10 @@ def _load_ours(mi: Any, name: str, width: int | None, height: int | None) -> tup
     build = importlib.import_module(f"{package.__name__}.{name}").build
     config = mi.parser.ParserConfig(mi.variant())
     size = _size(DEFAULT_SIZE, width, height)
-    return _instantiate(mi, config, mi.parser.parse_dict(config, build(*size)), *size)
+    return _instantiate(mi, config, mi.parser.parse_dict(config, build(*size)), *size, move)
 
 
-def _load_xml(mi: Any, path: Path, width: int | None, height: int | None) -> tuple[Any, Any]:
+def _load_xml(mi: Any, path: Path, width: int | None, height: int | None, move: Sequence[float]) -> tuple[Any, Any]:
     config = mi.parser.ParserConfig(mi.variant())
     before = mi.file_resolver()
     # Textures and meshes are named relative to the scene file.
@@ -152,12 +156,14 @@ def _load_xml(mi: Any, path: Path, width: int | None, height: int | None) -> tup
     resolver.prepend(str(path.resolve().parent))
     mi.set_file_resolver(resolver)
     try:
-        return _instantiate(mi, config, mi.parser.parse_file(config, str(path)), width, height)
+        return _instantiate(mi, config, mi.parser.parse_file(config, str(path)), width, height, move)
     finally:
         mi.set_file_resolver(before)
 
 
-def _instantiate(mi: Any, config: Any, state: Any, width: int | None, height: int | None) -> tuple[Any, Any]:
+def _instantiate(
+    mi: Any, config: Any, state: Any, width: int | None, height: int | None, move: Sequence[float]
+) -> tuple[Any, Any]:
     """Build the parsed scene with our film and sampler in its first camera, and its integrator wrapped for features."""
     # Merged meshes stand in an order that changes from one load to the next, and with it which light a path asks.
     config.merge_meshes = False
@@ -166,6 +172,8 @@ def _instantiate(mi: Any, config: Any, state: Any, width: int | None, height: in
     if not cameras:
         raise RenderError("the scene has no sensor but a camera is needed: add a <sensor> with a position to the file")
     _replace_film(mi, state, cameras[0].props, width, height)
+    if any(move):
+        _move(mi, cameras[0].props, move)
     given = any(node.type == mi.ObjectType.Integrator for node in state.nodes)
     scene = mi.parser.instantiate(config, state)
     scene = scene[0] if isinstance(scene, list) else scene
@@ -173,6 +181,13 @@ def _instantiate(mi: Any, config: Any, state: Any, width: int | None, height: in
     # `aov` by itself traces every path twice, once for colour and once for the features; inside `moment` only once.
     wrapped = {"type": "moment", "image": {"type": "aov", "aovs": AOVS, "color": inner}}
     return scene, mi.load_dict(wrapped)
+
+
+def _move(mi: Any, camera: Any, move: Sequence[float]) -> None:
+    """Move a camera in its own frame, in which Mitsuba looks along z with x to the left."""
+    right, up, forward = (float(value) for value in move)
+    place = camera["to_world"] if "to_world" in camera else mi.ScalarAffineTransform4d()
+    camera["to_world"] = place @ type(place)().translate([-right, up, forward])
 
 
 def _replace_film(mi: Any, state: Any, camera: Any, width: int | None, height: int | None) -> None:

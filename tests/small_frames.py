@@ -44,8 +44,9 @@ SMALL, WHOLE = (5, 11), (17, 67)
 
 @dataclass(frozen=True)
 class Case:
-    """One call: a method, the planes it gets besides the colour, their dtype, parameters that keep it short, and how
-    many further layers are filtered with the colour."""
+    """One call: a method, the planes it gets besides the colour, their dtype, parameters that keep it short, how many
+    further layers are filtered with the colour, and the neighbours: None for one that is searched for, or how far it
+    has moved."""
 
     method: str
     planes: tuple[str, ...] = ()
@@ -53,6 +54,7 @@ class Case:
     packed: bool = True
     parameters: dict[str, Any] = field(default_factory=dict)
     layers: int = 0
+    neighbours: tuple[float | None, ...] = ()
 
 
 NLM = {"search_radius": 1, "patch_radius": 1}
@@ -81,6 +83,8 @@ CASES = {
     "auto-color": Case("auto", parameters=AUTO),
     "auto-halves": Case("auto", ("normal", "normal_variance", *HALVES), dtype="f2", parameters=AUTO, layers=1),
     "auto": Case("auto", (*FEATURES, *VARIANCES, *HALVES, KNOWN), parameters=AUTO),
+    "temporal": Case("guided", (*FEATURES, *VARIANCES, *HALVES, KNOWN), neighbours=(None, 1.3)),
+    "temporal-color": Case("nlm", dtype="f2", packed=False, parameters=NLM, neighbours=(None,)),
     "auto-inliers": Case("auto", ("albedo", *HALVES), parameters={**AUTO, "outliers": False}),
 }
 
@@ -124,16 +128,23 @@ def run_case(queue: cl.CommandQueue, case: Case, size: tuple[int, int] = SMALL, 
     """
     wanted = ("color", *case.planes)
     planes = {plane: _on_device(queue, image, case) for plane, image in frame(*size).items() if plane in wanted}
+    near = []
+    for move in case.neighbours:
+        known = {} if move is None else {"motion": _on_device(queue, np.full((*size, 2), move), case)}
+        copies = {
+            plane: _on_device(queue, 1.1 * image, case) for plane, image in frame(*size).items() if plane in wanted
+        }
+        near.append(Frame(**copies, **known))
     denoiser = Denoiser(*size, method=case.method, queue=queue, **case.parameters)
     if small:
         denoiser.use_shape(small_shape(shape_for(queue.device)))
     # Neither the planes nor the result go before the end: see `fresh` on what oclgrind makes of freed buffers.
     shares = np.linspace(0.1, 0.9, size[1], dtype=case.dtype)[:, None] / max(case.layers, 1)
     layers = {str(i): _on_device(queue, frame(*size)["color"] * shares, case) for i in range(case.layers)}
-    result = denoiser(Frame(**planes), also=layers)
+    result = denoiser(Frame(**planes), also=layers, neighbours=near)
     image, report = result.get(), denoiser.report
     found = {"image": image, "model_map": denoiser.model_map, "error_map": denoiser.error_map}
-    numbers = (report.exposure, report.noise_level, report.energy_removed, report.estimated_error)
+    numbers = (report.exposure, report.noise_level, report.energy_removed, report.estimated_error, report.merged)
     found |= {f"layer {name}": layer.get() for name, layer in denoiser.also.items()}
     found |= {"numbers": np.array(numbers, float), "replaced": report.replaced}
     return found | {"shares": report.shares, "features_used": report.features_used}

@@ -1,0 +1,301 @@
+/* Neighbouring frames of a sequence merged into a frame, before any method sees it.
+ *
+ *   c'(p) = (c(p) + sum_k w_k(p) sum_i t_i c_k(q_i)) / (1 + sum_k w_k(p)),   v'(p) = (v(p) + sum w^2 t^2 v) / (...)^2
+ *
+ * q_i are the four pixels of neighbour k around the place to which p has moved. Features tell where that is: of every
+ * block of 8x8 pixels and those around it, the displacement at which they differ least beyond their noise, to a part of
+ * a pixel. Then each of the four, each pixel and its surroundings are tested: what differs in its features, or in light
+ * by more than its noise, is left out. All frames are laid out alike, without borders but for those of match_costs.
+ *
+ * A guide holds the planes of the features, then for each feature the sum of its channels' variances. Light is three
+ * planes of colour, outliers held back, and the sum of their variances.
+ */
+#include "common.h"
+
+/* Offsets a side of the search window, and pixels a side of the blocks. */
+#define SPAN (2 * SEARCH_RADIUS + 1)
+
+/* What a difference is relative to besides its noise, squared: of albedo, of normals, of depth and of colour relative to
+ * their own size. */
+#define ALBEDO2 (0.05f * 0.05f)
+#define NORMAL2 (0.1f * 0.1f)
+#define DEPTH2 (0.05f * 0.05f)
+#define COLOR2 (0.1f * 0.1f)
+
+/* No difference counts for more. */
+#define MOST 8.f
+
+/* A displacement costs so much a pixel: where nothing tells, nothing has moved. */
+#define STAY 0.05f
+/* Added to the curvature of the costs: noise bends them too. Parts of a pixel below SNAP are none: to move by them would
+ * blur and gain nothing. */
+#define BENT 0.1f
+#define SNAP 0.15f
+
+/* Each of the four pixels: kept up to FIRST, left out from LAST on, with a smooth step between; the pixel with all of
+ * them; its light, where 1 is twice the noise. */
+#define TAP_FIRST 1.f
+#define TAP_LAST 4.f
+#define PIXEL_FIRST 1.f
+#define PIXEL_LAST 3.f
+#define LIGHT_FIRST 0.6f
+#define LIGHT_LAST 2.f
+/* And that of the pixel alone, beside edges of suns and lamps: squared difference over noise. One bright sample in nine
+ * pixels makes 9. */
+#define SPIKE_FIRST 16.f
+#define SPIKE_LAST 36.f
+/* Where the noise is guessed from the image, which takes edges for noise: brightness that differs by this part of the
+ * sum of both. */
+#define GAIN_FIRST 0.25f
+#define GAIN_LAST 0.5f
+
+inline float kept(float x, float first, float last)
+{
+    const float t = clamp((last - x) / (last - first), 0.f, 1.f);
+    return t * t * (3.f - 2.f * t);
+}
+
+/* How far two guides differ beyond their noise, in units of noise and tolerance. A(c), B(c): plane c of either. */
+#define SQUARE(x) ((x) * (x))
+#define SQUARES3(A, B, c) (SQUARE(A(c) - B(c)) + SQUARE(A((c) + 1) - B((c) + 1)) + SQUARE(A((c) + 2) - B((c) + 2)))
+#define EXCESS(squares, noise, tolerance) (((squares) - (noise)) / ((noise) + (tolerance)))
+#define NOISE(A, B, g) (A(CHANNELS + (g)) + B(CHANNELS + (g)))
+#ifdef ALBEDO
+#define WITH_ALBEDO(A, B) +EXCESS(SQUARES3(A, B, ALBEDO), NOISE(A, B, ALBEDO_NOISE), ALBEDO2)
+#else
+#define WITH_ALBEDO(A, B)
+#endif
+#ifdef NORMAL
+#define WITH_NORMAL(A, B) +EXCESS(SQUARES3(A, B, NORMAL), NOISE(A, B, NORMAL_NOISE), NORMAL2)
+#else
+#define WITH_NORMAL(A, B)
+#endif
+#ifdef DEPTH
+#define BOTH(A, B) (fabs(A(DEPTH)) + fabs(B(DEPTH)) + 1e-15f)
+#define WITH_DEPTH(A, B)                                                                                               \
+    +EXCESS(SQUARE((A(DEPTH) - B(DEPTH)) / BOTH(A, B)), NOISE(A, B, DEPTH_NOISE) / BOTH(A, B) / BOTH(A, B), DEPTH2)
+#else
+#define WITH_DEPTH(A, B)
+#endif
+#ifdef COLOR
+#define SIZE2(A) (A(COLOR) * A(COLOR) + A(COLOR + 1) * A(COLOR + 1) + A(COLOR + 2) * A(COLOR + 2))
+#define WITH_COLOR(A, B)                                                                                               \
+    +EXCESS(SQUARES3(A, B, COLOR), NOISE(A, B, COLOR_NOISE), COLOR2 *(SIZE2(A) + SIZE2(B)) + 1e-12f)
+#else
+#define WITH_COLOR(A, B)
+#endif
+#define MISMATCH(A, B) (0.f WITH_ALBEDO(A, B) WITH_NORMAL(A, B) WITH_DEPTH(A, B) WITH_COLOR(A, B))
+
+inline float total8(float8 v)
+{
+    const float4 four = v.lo + v.hi;
+    return (four.x + four.y) + (four.z + four.w);
+}
+
+/* The sum of the mismatches of a block at one offset: plane by plane for every offset, row by row of the window. Guides
+ * have a mirrored border of SEARCH_RADIUS. */
+#define OWN(c) vload8(0, a + (c) * own_plane)
+#define OTHER(c) vload8(0, b + (c) * other_plane)
+kernel void match_costs(CONST_PLANES(own), CONST_PLANES(other), int height, int width, PLANES(out))
+{
+    const int left = get_global_id(0) * 8, top = get_global_id(1) * 8, offset = get_global_id(2);
+    if (left >= width || top >= height)
+        return;
+    const int dx = offset % SPAN - SEARCH_RADIUS, dy = offset / SPAN - SEARCH_RADIUS;
+    const int8 inside = left + (int8)(0, 1, 2, 3, 4, 5, 6, 7) < width;
+    float8 sum = (float8)(0.f);
+    for (int y = top; y < min(top + 8, height); y++) {
+        global const float *a = own + INDEX(own, 0, y, left);
+        global const float *b = other + INDEX(other, 0, y + dy, left + dx);
+        const float8 each = MISMATCH(OWN, OTHER);
+        sum += select((float8)(0.f), fmin(each, MOST), inside);
+    }
+    AT(out, offset, get_global_id(1), get_global_id(0)) = total8(sum);
+}
+
+/* The cost of an offset for a block: the mean over it and those around, weighted 1 2 1 both ways; and of moving. */
+inline float cost_of(CONST_PLANES(costs), int down, int across, int height, int width, int y, int x, int dy, int dx)
+{
+    const int offset = (dy + SEARCH_RADIUS) * SPAN + dx + SEARCH_RADIUS;
+    float sum = 0.f, weights = 0.f;
+    for (int j = max(y - 1, 0); j <= min(y + 1, down - 1); j++)
+        for (int i = max(x - 1, 0); i <= min(x + 1, across - 1); i++) {
+            const float weight = (j == y ? 2.f : 1.f) * (i == x ? 2.f : 1.f);
+            const int pixels = min(8, height - 8 * j) * min(8, width - 8 * i);
+            sum += weight * AT(costs, offset, j, i);
+            weights += weight * pixels;
+        }
+    return sum / weights + STAY * sqrt((float)(dx * dx + dy * dy));
+}
+#define COST(dy, dx) cost_of(costs, costs_origin, costs_row, costs_plane, down, across, height, width, y, x, dy, dx)
+
+/* From a cost and those to both sides: where between them it is least. */
+inline float part_of_pixel(float before, float here, float after)
+{
+    const float part = clamp(0.5f * (before - after) / (fmax(before + after - 2.f * here, 0.f) + BENT), -0.5f, 0.5f);
+    return fabs(part) < SNAP ? 0.f : part;
+}
+
+/* Two planes of blocks: how far each has moved to the right, and down. */
+kernel void find_motion(CONST_PLANES(costs), int height, int width, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    const int down = (height + 7) / 8, across = (width + 7) / 8;
+    if (x >= across || y >= down)
+        return;
+    int right = 0, below = 0;
+    float least = COST(0, 0);
+    for (int dy = -SEARCH_RADIUS; dy <= SEARCH_RADIUS; dy++)
+        for (int dx = -SEARCH_RADIUS; dx <= SEARCH_RADIUS; dx++) {
+            const float cost = COST(dy, dx);
+            if (cost < least) {
+                least = cost;
+                right = dx;
+                below = dy;
+            }
+        }
+    float u = right, v = below;
+    if (abs(right) < SEARCH_RADIUS)
+        u += part_of_pixel(COST(below, right - 1), least, COST(below, right + 1));
+    if (abs(below) < SEARCH_RADIUS)
+        v += part_of_pixel(COST(below - 1, right), least, COST(below + 1, right));
+    AT(out, 0, y, x) = u;
+    AT(out, 1, y, x) = v;
+}
+
+/* The four pixels around the place to which a pixel has moved: rows y[0] and y[1], columns x[0] and x[1], and the
+ * weights of a linear interpolation; all 0 outside of the frame, or too far to be followed. */
+typedef struct {
+    int x[2], y[2];
+    float weight[4];
+} taps;
+
+inline taps taps_of(CONST_PLANES(motion), int block, int height, int width, int y, int x)
+{
+    taps t;
+    const float dx = AT(motion, 0, y / block, x / block), dy = AT(motion, 1, y / block, x / block);
+    /* Parts of the motion, not of the place, whose digits depend on where a band of rows begins. */
+    const float right = dx - floor(dx), below = dy - floor(dy);
+    const int left = x + (int)clamp(floor(dx), -1e6f, 1e6f), top = y + (int)clamp(floor(dy), -1e6f, 1e6f);
+    const int u = right < 0.5f ? left : left + 1, v = below < 0.5f ? top : top + 1;
+    const bool inside = u >= 0 && u < width && v >= 0 && v < height && fabs(dy) <= FARTHEST;
+    for (int i = 0; i < 2; i++) {
+        t.x[i] = clamp(left + i, 0, width - 1);
+        t.y[i] = clamp(top + i, 0, height - 1);
+    }
+    for (int i = 0; i < 4; i++)
+        t.weight[i] = inside ? (i % 2 ? right : 1.f - right) * (i / 2 ? below : 1.f - below) : 0.f;
+    return t;
+}
+#define TAPS taps_of(motion, motion_origin, motion_row, motion_plane, block, height, width, y, x)
+
+/* Five planes of tests: the mismatch of a pixel and what has become of it, their squared difference in light, the
+ * variance of that, and the brightness of both. And the weights of the four pixels: their sum is 1, or less. */
+#define GUIDE (CHANNELS + GROUPS)
+#define HERE(c) here[c]
+#define THERE(c) there[c]
+#define MOVED(c) moved[c]
+kernel void compare(CONST_PLANES(own), CONST_PLANES(other), CONST_PLANES(light), CONST_PLANES(other_light),
+                    CONST_PLANES(motion), int block, int height, int width, PLANES(tests), PLANES(weights))
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    const taps t = TAPS;
+    float here[GUIDE], moved[GUIDE], colors[4] = {0.f, 0.f, 0.f, 0.f}, weight[4], sum = 0.f;
+    for (int c = 0; c < GUIDE; c++) {
+        here[c] = AT(own, c, y, x);
+        moved[c] = 0.f;
+    }
+    for (int i = 0; i < 4; i++) {
+        float there[GUIDE];
+        for (int c = 0; c < GUIDE; c++)
+            there[c] = AT(other, c, t.y[i / 2], t.x[i % 2]);
+        weight[i] = t.weight[i] * (1e-3f + kept(MISMATCH(HERE, THERE), TAP_FIRST, TAP_LAST));
+        sum += weight[i];
+    }
+    for (int i = 0; i < 4; i++) {
+        const float w = sum > 0.f ? weight[i] / sum : 0.f;
+        for (int c = 0; c < GUIDE; c++)
+            moved[c] += (c < CHANNELS ? w : w * w) * AT(other, c, t.y[i / 2], t.x[i % 2]);
+        for (int c = 0; c < 4; c++)
+            colors[c] += (c < 3 ? w : w * w) * AT(other_light, c, t.y[i / 2], t.x[i % 2]);
+    }
+    float squares = 0.f;
+    for (int c = 0; c < 3; c++)
+        squares += SQUARE(AT(light, c, y, x) - colors[c]);
+    const float noise = AT(light, 3, y, x) + colors[3];
+    const float same = kept(squares / (noise + 1e-9f), SPIKE_FIRST, SPIKE_LAST);
+    for (int i = 0; i < 4; i++)
+        AT(weights, i, y, x) = sum > 0.f ? same * weight[i] / sum : 0.f;
+    AT(tests, 0, y, x) = sum > 0.f ? fmin(MISMATCH(HERE, MOVED), MOST) : MOST;
+    AT(tests, 1, y, x) = sum > 0.f ? squares : 0.f;
+    AT(tests, 2, y, x) = sum > 0.f ? noise : 0.f;
+    AT(tests, 3, y, x) = AT(light, 0, y, x) + AT(light, 1, y, x) + AT(light, 2, y, x);
+    AT(tests, 4, y, x) = sum > 0.f ? colors[0] + colors[1] + colors[2] : AT(tests, 3, y, x);
+}
+
+/* In place: the weights of the four pixels times that of what they make. The sum of the weights of all frames grows by
+ * it. The mismatch comes as its mean over 3x3, the light over 7x7. */
+kernel void weigh(CONST_PLANES(mismatch), CONST_PLANES(light), int height, int width, int guessed, PLANES(weights),
+                  PLANES(total))
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    const float excess = AT(light, 0, y, x) / (AT(light, 1, y, x) + 1e-9f) - 1.f;
+    const float a = AT(light, 2, y, x), b = AT(light, 3, y, x), gain = fabs(a - b) / (fabs(a) + fabs(b) + 1e-9f);
+    float w = kept(AT(mismatch, 0, y, x), PIXEL_FIRST, PIXEL_LAST) * kept(excess, LIGHT_FIRST, LIGHT_LAST);
+    w *= guessed ? kept(gain, GAIN_FIRST, GAIN_LAST) : 1.f;
+    float sum = 0.f;
+    for (int i = 0; i < 4; i++) {
+        const float weight = w * AT(weights, i, y, x);
+        AT(weights, i, y, x) = weight;
+        sum += weight;
+    }
+    AT(total, 0, y, x) += sum;
+}
+
+/* In place: sum grows by a plane of the other frame, with these weights or, of variances, their squares. Of light,
+ * what was held back of an outlier (factor: what was left of each pixel) is not spread over four pixels but stays one,
+ * so that it can be told from light. A variance below 0 is not known, and neither is its sum. */
+kernel void accumulate(CONST_PLANES(other), CONST_PLANES(factor), CONST_PLANES(weights), CONST_PLANES(motion),
+                       int block, int height, int width, int squared, int light, PLANES(sum))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const taps t = TAPS;
+    float gained = 0.f, of_all = 0.f, most = -1.f;
+    int nearest = 0;
+    bool known = true;
+    for (int i = 0; i < 4; i++) {
+        const float w = AT(weights, i, y, x), value = AT(other, c, t.y[i / 2], t.x[i % 2]);
+        const float f = light ? AT(factor, 0, t.y[i / 2], t.x[i % 2]) : 1.f;
+        gained += squared ? SQUARE(w * f) * value : w * f * value;
+        known = known && (!squared || w == 0.f || value >= 0.f);
+        of_all += w;
+        if (t.weight[i] > most) {
+            most = t.weight[i];
+            nearest = i;
+        }
+    }
+    if (light) {
+        const int v = t.y[nearest / 2], u = t.x[nearest % 2];
+        const float f = AT(factor, 0, v, u), value = AT(other, c, v, u);
+        gained += squared ? SQUARE(of_all) * (1.f - f * f) * value : of_all * (1.f - f) * value;
+        known = known && (!squared || of_all == 0.f || value >= 0.f);
+    }
+    const float before = AT(sum, c, y, x);
+    AT(sum, c, y, x) = squared && (before < 0.f || !known) ? -1.f : before + gained;
+}
+
+/* out = sum / total, or, of variances, over its square. */
+kernel void normalise(CONST_PLANES(sum), CONST_PLANES(total), int height, int width, int squared, PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    if (x >= width || y >= height)
+        return;
+    const float all = AT(total, 0, y, x), value = AT(sum, c, y, x);
+    AT(out, c, y, x) = squared ? (value < 0.f ? -1.f : value / (all * all)) : value / all;
+}
