@@ -57,7 +57,7 @@ def test_planes_come_in_a_fixed_order():
     given = all_planes()
     names = list(Frame(**dict(reversed(given.items()))).planes())
     assert names[:4] == ["color", "albedo", "normal", "depth"]
-    assert names == [field.name for field in dataclasses.fields(Frame) if field.name != "metadata"]
+    assert names == [field.name for field in dataclasses.fields(Frame) if field.name not in ("motion", "metadata")]
     assert sorted(names) == sorted(PLANES)
     assert list(Frame(given["color"], depth=given["depth"], albedo=given["albedo"]).planes()) == [
         "color",
