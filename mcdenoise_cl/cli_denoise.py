@@ -50,6 +50,9 @@ from .methods.parameters import parse
 @click.option("--pairs", is_flag=True, help="name.a.exr and name.b.exr are two such renderings of name.exr.")
 @click.option("--recursive", is_flag=True, help="Look into folders in folders too.")
 @click.option("--frames", metavar="RANGE", help="Frames of shot.####.exr: 1-240, 1-240x2 for every second, 1,5,10-20.")
+@click.option(
+    "--dask", metavar="ADDRESS", help="Hand the frames to a Dask cluster; local: one of this machine's devices."
+)
 @click.option("--dry-run", is_flag=True, help="Say what would be done and why, and do nothing.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON on stdout for each thing that happens.")
 @force_option
@@ -70,6 +73,7 @@ def denoise(
     dry_run: bool,
     as_json: bool,
     halves: tuple[str, str] | None,
+    dask: str | None,
     **chosen: Any,
 ) -> int:
     """Denoise EXR files.
@@ -85,8 +89,9 @@ def denoise(
     mcdenoise denoise frames/ -o clean/ --preset balanced
     mcdenoise denoise 'shot.####.exr' --frames 1-240 -o clean/ --device all
     mcdenoise denoise --halves seed1.exr seed2.exr -o clean.exr
+    mcdenoise denoise /shared/shot/ -o /shared/clean/ --dask tcp://render01:8786
     """
-    from . import batch, selection
+    from . import batch, farm, selection
     from .job import Recipe
     from .pipeline import run_jobs
     from .quiet import quiet_libraries
@@ -110,8 +115,8 @@ def denoise(
         jobs = selection.find_jobs(given, output, temporal=recipe.temporal, **chosen)
     if dry_run:
         return 0 if tell_plan(batch.plan(jobs, recipe, force), as_json) else 1
-    devices = chosen_devices(device)
-    if alone and not as_json:
+    devices = chosen_devices(device) if dask is None else []
+    if alone and not as_json and dask is None:
         with quiet_libraries():
             outcome = batch.do(jobs[0], recipe, device=devices[0], overwrite=force)
         tell_outcome(outcome, automatic=method is None)
@@ -121,7 +126,11 @@ def denoise(
         note_pairs(selection.count_pairs(jobs))
     teller = Teller(f"denoising into {output}", jobs, recipe, as_json)
     with quiet_libraries(), teller:
-        run_jobs(jobs, recipe, devices, overwrite=force, on_progress=teller.show)
+        if dask is None:
+            run_jobs(jobs, recipe, devices, overwrite=force, on_progress=teller.show)
+        else:
+            more = {"device": device, "overwrite": force, "on_progress": teller.show, "on_note": teller.note}
+            farm.run_jobs(jobs, recipe, dask, **more)
     return 0 if tell_outcomes(teller.outcomes, context.obj["debug"]) else 1
 
 
