@@ -109,6 +109,9 @@ def denoise(
     to_folder = len(given) > 1 or os.path.isdir(output) or output.endswith(("/", os.sep))  # noqa: PTH112
     alone = not to_folder and selection.is_one_file(given[0])
     if alone:
+        for option in ("frames", "pairs"):
+            if chosen[option]:
+                raise usage(f"--{option} is given but {given[0]} is one file: give a folder, a pattern or a sequence")
         jobs = [selection.one_job(given[0], output, recipe.temporal)]
         batch.check_job(jobs[0], recipe, force)
     else:

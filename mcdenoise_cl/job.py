@@ -18,13 +18,13 @@ import pyopencl as cl
 
 from .api import Denoiser
 from .details import Report
-from .errors import DeviceError, ExrError, FrameError, McdenoiseError
+from .errors import DeviceError, ExrError, FrameError, McdenoiseError, ParameterError
 from .exr import STAMP, frame_of, replace_color
 from .exr_file import Part, load, save
 from .frame import Frame
 from .halves import mean_of_halves, partner
 from .methods import get_method, settle
-from .methods.parameters import make
+from .methods.parameters import make, shown
 from .quiet import hushed
 from .stamp import judge, stamp
 
@@ -98,8 +98,11 @@ class Recipe:
         """A recipe from what users give.
 
         Raises:
-            ParameterError: an unknown method or preset, both of them, or a parameter that the method refuses.
+            ParameterError: an unknown method or preset, both of them, a parameter that the method refuses, or
+                `temporal` below 0.
         """
+        if isinstance(temporal, bool) or not isinstance(temporal, int | np.integer) or temporal < 0:
+            raise ParameterError(f"temporal is {shown(temporal)} but a whole number of frames, 0 or more, is needed")
         name, parameters = settle(method, preset, parameters)
         values = asdict(make(get_method(name).make, name, parameters))
         return cls(
@@ -109,7 +112,7 @@ class Recipe:
             samples_per_pixel,
             max_memory_mb,
             also if isinstance(also, str) else tuple(also),
-            temporal,
+            int(temporal),
         )
 
 

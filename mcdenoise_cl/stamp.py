@@ -115,14 +115,18 @@ def _but_source(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 def _difference(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     """In words, the first thing that has changed."""
-    if found.get("inputs") != wanted["inputs"]:
-        return "the input has changed"
-    for key in ("method", "parameters", "layers", "samples_per_pixel", "also", "temporal", "version"):
+    for key in ("temporal", "inputs", "method", "parameters", "layers", "samples_per_pixel", "also", "version"):
         old, new = found.get(key), wanted.get(key)
         if old == new:
             continue
+        if key == "inputs":
+            return "the input has changed"
         if isinstance(old, dict) and isinstance(new, dict):
-            name = next(name for name in sorted({*old, *new}) if old.get(name) != new.get(name))
-            return f"{name} was {old.get(name)} and is {new.get(name)}"
-        return f"{key.replace('_', ' ')} was {old} and is {new}"
+            key = next(name for name in sorted({*old, *new}) if old.get(name) != new.get(name))
+            old, new = old.get(key), new.get(key)
+        return f"{key} was {_word(old)} and is {_word(new)}"
     return "it was made otherwise"
+
+
+def _word(value: Any) -> str:
+    return "not set" if value is None else ", ".join(value) if isinstance(value, list) else str(value)

@@ -231,6 +231,8 @@ def test_wrong_usage(noisy, tmp_path, capsys):
         ),
         (["denoise", "-o", out], "INPUT or --halves A B is needed, one of them; see mcdenoise denoise --help"),
         (["denoise", noisy, "-o", out, "--halves", noisy, noisy], "INPUT or --halves A B is needed, one of them"),
+        (["denoise", noisy, "-o", out, "--frames", "1-4"], "--frames is given but"),
+        (["denoise", noisy, "-o", out, "--pairs"], "noisy.exr is one file: give a folder, a pattern or a sequence"),
         (["denoise", tmp_path, "-o", out, "--frames", "1-4"], "frames is given but no input is a sequence"),
         (["denoise", "a.##.exr", "-o", out, "--frames", "9-1"], "frames is '9-1' but 1 comes before 9"),
         (["denoise", "a.##.exr", "-o", out, "--frames", "1-9y2"], "but something like 1-240, 1-240x2 or"),
@@ -271,7 +273,7 @@ def test_failures(noisy, tmp_path, capsys):
 def test_debug_shows_the_traceback(tmp_path):
     for arguments in (["--debug", "denoise", "no.exr", "-o", "x.exr"], ["denoise", "no.exr", "-o", "x.exr", "--debug"]):
         done = subprocess.run([COMMAND, *arguments], capture_output=True, text=True, cwd=tmp_path)
-        assert done.returncode == 1 and "Traceback" in done.stderr and "in read_job" in done.stderr
+        assert done.returncode == 1 and "Traceback" in done.stderr and "in run_job" in done.stderr
         assert done.stderr.splitlines()[-1].startswith("mcdenoise: no.exr cannot be read")
 
 

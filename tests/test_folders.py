@@ -108,8 +108,8 @@ def test_what_is_up_to_date_is_skipped_and_what_is_not_is_done_again(folder, tmp
     for options, reason in (
         (SMALL | {"h_factor": 2.0}, "h_factor was 1.5 and is 2.0"),
         (SMALL, "h_factor was 2.0 and is 1.5"),
-        ({**SMALL, "layers": {"depth": "none"}}, "depth was None and is none"),
-        ({**SMALL, "samples_per_pixel": 4}, "depth was none and is None"),
+        ({**SMALL, "layers": {"depth": "none"}}, "depth was not set and is none"),
+        ({**SMALL, "samples_per_pixel": 4}, "depth was none and is not set"),
         ({"preset": "fast"}, "method was nlm and is guided"),
     ):
         again = denoise_files(folder / "shot.0002.exr", out, **options)
