@@ -76,6 +76,7 @@ def _local(distributed: Any, count: int) -> Iterator[Any]:
             processes=True,
             memory_limit=0,
             dashboard_address="127.0.0.1:0",
+            preload=[*dask.config.get("distributed.worker.preload", []), farm_worker.__name__],
             silence_logs="CRITICAL",
         ) as cluster,
     ):

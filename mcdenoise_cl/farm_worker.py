@@ -8,6 +8,7 @@ import hashlib
 import os
 import platform
 import secrets
+import signal
 import socket
 import threading
 from collections import Counter
@@ -197,6 +198,12 @@ def _do(job: Job, recipe: Recipe, device: int, overwrite: bool, again: bool) -> 
 def named(error: Exception, place: str) -> Exception:
     """An error of ours that says where it happened; others as they are."""
     return type(error)(f"{error} (on {place})") if isinstance(error, McdenoiseError) else error
+
+
+def dask_setup(_: Any) -> None:
+    """Called by Dask in the workers of a cluster of our own: Ctrl-C reaches them too, but is for the client to obey."""
+    with contextlib.suppress(ValueError):  # not the main thread
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 async def end(run: str) -> None:
