@@ -18,7 +18,9 @@ import resource
 import shutil
 import sys
 import tempfile
+import threading
 import time
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,6 +86,24 @@ def parts_alone(jobs: Sequence[Job], recipe: Recipe, denoisers: Denoisers) -> di
     }
 
 
+def cores_given(wanted: int) -> float:
+    """How many cores as many busy threads get: fewer than there are where the machine has other work."""
+    data = os.urandom(2**20)
+
+    def work() -> None:
+        until = time.perf_counter() + 1
+        while time.perf_counter() < until:
+            zlib.compress(data)
+
+    threads = [threading.Thread(target=work) for _ in range(wanted)]
+    wall, cpu = time.perf_counter(), time.process_time()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return (time.process_time() - cpu) / (time.perf_counter() - wall)
+
+
 def resident() -> float:
     """MiB in memory now; what was the most where the system does not say."""
     statm = Path("/proc/self/statm")
@@ -110,24 +130,28 @@ def main() -> None:
         jobs = find_jobs([source], target)
         parts = parts_alone(jobs, recipe, Denoisers(devices[0]))
         seen: list[float] = []
+        given = cores_given(cores)
         whole = timed(
             lambda: run_jobs(jobs, recipe, devices, overwrite=True, on_progress=lambda _: seen.append(resident())),
             len(jobs),
         )
+        given = (given + cores_given(cores)) / 2
     width, height = options.size
     names = ", ".join(f"{device.name.strip()} ({device.platform.name.strip()})" for device in devices)
-    print(f"{options.frames} frames of {width} x {height}, {recipe.method}, on {names}; {cores} cores")
+    print(f"{options.frames} frames of {width} x {height}, {recipe.method}, on {names}; {cores} cores, of which")
+    print(f"busy threads got {given:.2f} before and after the whole (fewer where the machine has other work)")
     print(f"{helpers()} reading, {helpers()} writing beside the device\n")
     print("| part | ms a frame | ms of CPU a frame |\n|:---|---:|---:|")
     for name, taken in {**parts, "whole": whole}.items():
         print(f"| {name} | {1e3 * taken.wall:.0f} | {1e3 * taken.cpu:.0f} |")
     one_by_one = sum(part.wall for part in parts.values())
     slowest = max(parts, key=lambda name: parts[name].wall)
-    shared = sum(part.cpu for part in parts.values()) / cores
+    shared = sum(part.cpu for part in parts.values()) / given
     print(f"\none after the other: {1e3 * one_by_one:.0f} ms a frame, {one_by_one / whole.wall:.2f} times the whole")
     print(f"the slowest part alone, {slowest}: the whole takes {whole.wall / parts[slowest].wall:.2f} times as long")
     bound = max(shared, parts[slowest].wall)
-    print(f"the bound, {1e3 * bound:.0f} ms ({1e3 * shared:.0f} ms of every core): {whole.wall / bound:.2f} times")
+    work = f"{1e3 * shared:.0f} ms for the work of all parts on these cores"
+    print(f"the bound, {1e3 * bound:.0f} ms ({work}): {whole.wall / bound:.2f} times")
     quarter, half = seen[len(seen) // 4 - 1], seen[len(seen) // 2 - 1]
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"MiB in memory: {quarter:.0f} after a quarter, {half:.0f} after a half, {seen[-1]:.0f} at the end", end="")
