@@ -131,6 +131,7 @@ def test_a_worker_is_killed_while_it_writes(cluster, expected, tmp_path, caplog)
 def test_a_frame_that_ends_its_workers_fails_alone(expected, tmp_path):
     """On a cluster that is started for it: workers that end are started again."""
     import dask
+    import distributed  # noqa: F401 (its settings must be there before one is changed for a while)
 
     sources, out = write_frames(tmp_path / "in", 4), tmp_path / "out"
     sources[1].with_suffix(".deadly").touch()
