@@ -1,6 +1,6 @@
 """A folder of frames through everything that can go wrong: prints a table, and ends with 1 if a cell is wrong.
 
-    python bench/folder.py [--frames 60] [--size 96 54] [--method guided] [--made-up]
+    python bench/folder.py [--frames 60] [--size 96 54] [--method guided] [--made-up] [--only CASE...]
 
 The frames are renderings of a scene of this repository, each with another seed (`--made-up`, or without Mitsuba: a
 synthetic room). Each case runs the command in processes of its own, and in the end every output must have the bits
@@ -11,7 +11,8 @@ that `denoise` gives for its frame alone, and nothing else may be in the folder:
 - interrupted: Ctrl-C at a random moment, then to the end;
 - corrupt: one file is cut short; then it is whole again;
 - missing: a sequence of which one frame is not there; then it is;
-- disk full: a file system with room for half of the frames, which is then cleared; only as root, who may mount one.
+- disk full: a file system with room for half of the frames, which is then cleared; only as root, who may mount one;
+- farm: a Dask scheduler and two workers, one of which is killed half way.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ import numpy as np
 from mcdenoise_cl import Frame, denoise, read_exr, write_exr
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+import farms
 import inputs
 
 COMMAND = [sys.executable, "-c", "import sys; from mcdenoise_cl.cli import main; sys.exit(main(sys.argv[1:]))"]
@@ -160,6 +162,27 @@ def disk_full(folder: Folder, work: Path) -> tuple[str, list[str]]:
         subprocess.run(["umount", disk], check=True)
 
 
+def farm(folder: Folder, work: Path) -> tuple[str, list[str]]:
+    if find_spec("distributed") is None:
+        return "not tried: pip install 'mcdenoise-cl[farm]'", []
+    out, running = work / "out", farms.Farm()
+    try:
+        running.fill()
+        process = folder.start(out, str(folder.source), "--dask", running.address)
+        while process.poll() is None and len(list(out.glob("*.exr"))) < len(folder.expected) // 2:
+            time.sleep(0.005)
+        running.workers[0].kill()
+        before = len(list(out.glob("*.exr")))
+        said = process.communicate()[1].splitlines()
+    finally:
+        running.close()
+    wrong = folder.wrong(out) + ([] if process.returncode == 0 else [f"exit {process.returncode}"])
+    if not any("was lost" in line for line in said):
+        wrong.append("no worker was lost")
+    line = next((line for line in said if "denoised" in line), said[-1] if said else "")
+    return f"killed after {before} files; exit {process.returncode}: {re.sub(r' with .* on [^;]*', '', line)}", wrong
+
+
 def make_frames(folder: Path, count: int, width: int, height: int, made_up: bool) -> None:
     folder.mkdir()
     for number in range(1, count + 1):
@@ -177,6 +200,7 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--size", nargs=2, type=int, default=(96, 54), metavar=("W", "H"))
     parser.add_argument("--method", default="guided")
+    parser.add_argument("--only", nargs="+", metavar="CASE", help="Not all of the cases.")
     parser.add_argument("--made-up", action="store_true", help="no renderings")
     options = parser.parse_args()
     failed = False
@@ -185,7 +209,9 @@ def main() -> int:
         make_frames(source, options.frames, *options.size, options.made_up or find_spec("mitsuba") is None)
         folder = Folder(source, options.method)
         print("| case | | as frame by frame |\n|:---|:---|:---|")
-        for case in (plain, killed, interrupted, corrupt, missing, disk_full):
+        for case in (plain, killed, interrupted, corrupt, missing, disk_full, farm):
+            if options.only and case.__name__ not in options.only:
+                continue
             work = Path(temporary, case.__name__)
             work.mkdir()
             what, wrong = case(folder, work)

@@ -5,7 +5,7 @@ __version__ = "0.1.0"
 from .api import Denoiser, denoise
 from .batch import denoise_files
 from .details import Denoised, Report
-from .errors import DeviceError, ExrError, FrameError, McdenoiseError, ParameterError, RenderError
+from .errors import DeviceError, ExrError, FarmError, FrameError, McdenoiseError, ParameterError, RenderError
 from .exr import read_exr, write_exr
 from .exr_also import read_also
 from .frame import Frame
@@ -16,6 +16,7 @@ __all__ = [
     "Denoiser",
     "DeviceError",
     "ExrError",
+    "FarmError",
     "Frame",
     "FrameError",
     "McdenoiseError",

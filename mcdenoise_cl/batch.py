@@ -117,6 +117,7 @@ def denoise_files(
     pairs: bool = False,
     also: Sequence[str] | Literal["auto"] = (),
     temporal: int = 0,
+    dask: Any = None,
     **parameters: Any,
 ) -> list[Outcome]:
     """Denoise frames into a folder; one that fails does not stop the others.
@@ -141,6 +142,8 @@ def denoise_files(
         pairs: `name.a.exr` and `name.b.exr` are halves of one frame and become `name.exr`.
         also: further layers to filter like the colour, or "auto".
         temporal: how many frames before and after each to use.
+        dask: do it on a Dask cluster, a frame a task: the address of its scheduler, "local" for one of all devices of
+            this machine, or a `dask.distributed.Client`. `device` is then looked up on each worker. See `farm`.
 
     Returns:
         An outcome for each frame, in order: its `status` is "done", "skipped" or "failed", and `reason` or `error` say
@@ -151,6 +154,7 @@ def denoise_files(
             cannot be made.
         ParameterError: an unknown method or preset, a parameter that the method refuses, or frames that are none.
         DeviceError: there is no such device.
+        FarmError: the Dask cluster cannot be used.
 
     Example:
         >>> import tempfile, numpy as np
@@ -176,6 +180,11 @@ def denoise_files(
     )
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     jobs = find_jobs(given, out_dir, recursive=recursive, frames=frames, pairs=pairs, temporal=temporal)
+    if dask is not None:
+        from . import farm  # what it needs is an extra
+
+        prepare(jobs, out_dir)
+        return farm.run_jobs(jobs, recipe, dask, device=device, overwrite=overwrite, on_progress=on_progress)
     devices = [info.device for info in pick_devices(device)]
     prepare(jobs, out_dir)
     return run_jobs(jobs, recipe, devices, overwrite=overwrite, on_progress=on_progress)

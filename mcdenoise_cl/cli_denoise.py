@@ -62,11 +62,15 @@ from .methods.parameters import parse
 @click.option("--recursive", is_flag=True, help="Look into folders in folders too.")
 @click.option("--frames", metavar="RANGE", help="Frames of shot.####.exr: 1-240, 1-240x2 for every second, 1,5,10-20.")
 @click.option(
+<<<<<<< HEAD
     "--temporal",
     type=click.IntRange(min=0),
     default=0,
     metavar="N",
     help="Merge what N frames before and after show of the same, found by the numbers in their names. Default: 0.",
+=======
+    "--dask", metavar="ADDRESS", help="Hand the frames to a Dask cluster; local: one of this machine's devices."
+>>>>>>> 8b5a77a27cb72c19bb05b6256ee2215eef6a7762
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done and why, and do nothing.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON on stdout for each thing that happens.")
@@ -90,7 +94,11 @@ def denoise(
     dry_run: bool,
     as_json: bool,
     halves: tuple[str, str] | None,
+<<<<<<< HEAD
     temporal: int,
+=======
+    dask: str | None,
+>>>>>>> 8b5a77a27cb72c19bb05b6256ee2215eef6a7762
     **chosen: Any,
 ) -> int:
     """Denoise EXR files.
@@ -109,8 +117,9 @@ def denoise(
     mcdenoise denoise 'shot.####.exr' --frames 1-240 -o clean/ --device all
     mcdenoise denoise 'shot.####.exr' -o clean/ --temporal 1
     mcdenoise denoise --halves seed1.exr seed2.exr -o clean.exr
+    mcdenoise denoise /shared/shot/ -o /shared/clean/ --dask tcp://render01:8786
     """
-    from . import batch, selection
+    from . import batch, farm, selection
     from .job import Recipe
     from .pipeline import run_jobs
     from .quiet import quiet_libraries
@@ -145,8 +154,8 @@ def denoise(
         jobs = selection.find_jobs(given, output, temporal=recipe.temporal, **chosen)
     if dry_run:
         return 0 if tell_plan(batch.plan(jobs, recipe, force), as_json) else 1
-    devices = chosen_devices(device)
-    if alone and not as_json:
+    devices = chosen_devices(device) if dask is None else []
+    if alone and not as_json and dask is None:
         with quiet_libraries():
             outcome = batch.do(jobs[0], recipe, device=devices[0], overwrite=force)
         tell_outcome(outcome, automatic=method is None)
@@ -156,7 +165,11 @@ def denoise(
         note_pairs(selection.count_pairs(jobs))
     teller = Teller(f"denoising into {output}", jobs, recipe, as_json)
     with quiet_libraries(), teller:
-        run_jobs(jobs, recipe, devices, overwrite=force, on_progress=teller.show)
+        if dask is None:
+            run_jobs(jobs, recipe, devices, overwrite=force, on_progress=teller.show)
+        else:
+            more = {"device": device, "overwrite": force, "on_progress": teller.show, "on_note": teller.note}
+            farm.run_jobs(jobs, recipe, dask, **more)
     return 0 if tell_outcomes(teller.outcomes, context.obj["debug"]) else 1
 
 

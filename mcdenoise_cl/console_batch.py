@@ -51,6 +51,11 @@ class Teller:
         self._progress.show(self._label, len(self.outcomes) - self._skipped, self._total - self._skipped)
         self._event("file", **_facts(outcome))
 
+    def note(self, text: str) -> None:
+        """Something to know while it runs."""
+        say(f"\r\033[K{text}" if sys.stderr.isatty() else text)  # over the bar, which is drawn again
+        self._event("note", text=text)
+
     def _event(self, name: str, **facts: Any) -> None:
         if self._as_json:
             click.echo(json.dumps({"event": name, **facts}), file=self._stdout)

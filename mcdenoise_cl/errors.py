@@ -31,3 +31,7 @@ class BudgetError(NoRoomError):
 
 class RenderError(McdenoiseError, RuntimeError):
     """A scene cannot be found or rendered."""
+
+
+class FarmError(McdenoiseError, RuntimeError):
+    """A Dask cluster cannot be used, or has no worker left that can."""
