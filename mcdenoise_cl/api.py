@@ -191,7 +191,7 @@ class Denoiser:
         near = self._checked_neighbours(frame, neighbours)
         if layers and near:
             raise FrameError(
-                "also and neighbours are both given, but only the colour is merged with neighbours: leave one of them out"
+                "also and neighbours are both given, but only the colour is merged with neighbours: leave one out"
             )
         run = self._run_device if frame.on_device else self._run_host
         with self._lock, self._errors():

@@ -62,15 +62,14 @@ from .methods.parameters import parse
 @click.option("--recursive", is_flag=True, help="Look into folders in folders too.")
 @click.option("--frames", metavar="RANGE", help="Frames of shot.####.exr: 1-240, 1-240x2 for every second, 1,5,10-20.")
 @click.option(
-<<<<<<< HEAD
     "--temporal",
     type=click.IntRange(min=0),
     default=0,
     metavar="N",
     help="Merge what N frames before and after show of the same, found by the numbers in their names. Default: 0.",
-=======
+)
+@click.option(
     "--dask", metavar="ADDRESS", help="Hand the frames to a Dask cluster; local: one of this machine's devices."
->>>>>>> 8b5a77a27cb72c19bb05b6256ee2215eef6a7762
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done and why, and do nothing.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON on stdout for each thing that happens.")
@@ -94,11 +93,8 @@ def denoise(
     dry_run: bool,
     as_json: bool,
     halves: tuple[str, str] | None,
-<<<<<<< HEAD
     temporal: int,
-=======
     dask: str | None,
->>>>>>> 8b5a77a27cb72c19bb05b6256ee2215eef6a7762
     **chosen: Any,
 ) -> int:
     """Denoise EXR files.
