@@ -59,7 +59,7 @@ def test_box_fit(engine, kind, height, width, names):
 
 
 @pytest.mark.parametrize(
-    ("block", "radius", "residual_radius"), [(1, 3, 2), (2, 0, 0), (3, 1, 1), (5, 2, 0), (8, 3, 4)]
+    ("block", "radius", "residual_radius"), [(1, 5, 2), (2, 0, 0), (3, 1, 1), (5, 2, 0), (8, 8, 4)]
 )
 @pytest.mark.parametrize("relative", [0.0, 1.5])
 def test_box_fit_of_other_windows(engine, block, radius, residual_radius, relative):

@@ -9,7 +9,7 @@ from mcdenoise_cl import Denoiser, Frame
 from mcdenoise_cl.device import SCHEDULE_VARIABLE, shape_for
 from mcdenoise_cl.engine import Engine
 
-#: All that the methods launch.
+#: Together, all that methods launch; parameters and planes are those of small_frames.py, whose tests build the same.
 LARGE = ("auto", "guided-prefilter", "ssim-nlm", "nlm-tonemapped")
 
 
