@@ -144,6 +144,34 @@ def test_a_frame_that_ends_its_workers_fails_alone(expected, tmp_path):
     check([sources[0], *sources[2:]], out, expected)
 
 
+@pytest.mark.parametrize("what", ["broken", "unseen"])
+def test_a_worker_that_fails_at_everything_is_left_out(what, cluster, expected, tmp_path, caplog):
+    sources, out = write_frames(tmp_path / "in", 2 * MOST_AT_ONCE), tmp_path / "out"  # so that it gets three
+    for source in sources:
+        source.with_suffix(f".{what}").touch()
+    outcomes = denoise_files(tmp_path / "in", out, dask=cluster.address, **NLM)
+    assert statuses(outcomes) == ["done"] * len(sources)
+    assert ["is left out from now on: as asked" in record.message for record in caplog.records] == [True]
+    check(sources, out, expected)
+
+
+def test_a_frame_at_which_every_device_fails(cluster, tmp_path):
+    sources = write_frames(tmp_path / "in", 2)
+    sources[0].with_suffix(".broken").write_text("all")
+    outcomes = denoise_files(sources, tmp_path / "out", dask=cluster.address, **NLM)
+    assert statuses(outcomes) == ["failed", "done"]
+    assert isinstance(outcomes[0].error, DeviceError) and "as asked (on " in str(outcomes[0].error)
+
+
+def test_no_worker_is_left(cluster, tmp_path, monkeypatch):
+    monkeypatch.setattr(farm, "PATIENCE", 0.1)
+    sources = write_frames(tmp_path / "in", 1)
+    sources[0].with_suffix(".deadly").touch()
+    (outcome,) = denoise_files(sources, tmp_path / "out", dask=cluster.address, **NLM)
+    assert "no worker that can be used is left: start one and run again" in str(outcome.error)
+    assert list((tmp_path / "out").iterdir()) == []
+
+
 def test_interruption_takes_back_what_waits(cluster, expected, tmp_path):
     sources, out = write_frames(tmp_path / "in", 8), tmp_path / "out"
 
