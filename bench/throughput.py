@@ -29,7 +29,8 @@ import numpy as np
 
 from mcdenoise_cl import Frame, write_exr
 from mcdenoise_cl.choose import pick_devices
-from mcdenoise_cl.job import Denoisers, Job, Recipe, read_job, write_job
+from mcdenoise_cl.denoisers import Denoisers
+from mcdenoise_cl.job import Job, Recipe, read_job, write_job
 from mcdenoise_cl.pipeline import helpers, run_jobs
 from mcdenoise_cl.selection import find_jobs
 

@@ -24,6 +24,7 @@ from .exr_layers import (
     moment_base,
     result_layer,
 )
+from .exr_metadata import attributes_of, metadata_of
 from .frame import PLANES, Frame
 
 #: The header attribute in which `stamp.py` keeps how a file was made.
@@ -86,7 +87,7 @@ def frame_of(
 ) -> Frame:
     """The frame in the parts of a file; all else as for `read_exr`."""
     known, wanted, color = layers_of(path, parts, layers)
-    metadata = _metadata(path, parts, color, samples_per_pixel)
+    metadata = metadata_of(path, parts, color, samples_per_pixel)
     samples = metadata.get("samples_per_pixel")
 
     def is_direction(layer: Layer) -> bool:
@@ -193,7 +194,7 @@ def _own_part(
             kind = dtype
         split = [pixels] if pixels.ndim == 2 else [pixels[..., c] for c in range(3)]
         channels |= {name: (cast(p, kind), False) for name, p in zip(OWN_CHANNELS[plane], split, strict=True)}
-    header = {"type": OpenEXR.scanlineimage, "compression": compression, **_attributes(metadata)}
+    header = {"type": OpenEXR.scanlineimage, "compression": compression, **attributes_of(metadata)}
     return Part(header, channels, False)
 
 
@@ -266,50 +267,6 @@ def _variance_of_mean(mean: np.ndarray, moment: np.ndarray, samples: int) -> np.
     # adds no rounding of its own.
     spread = moment.astype(np.float64) - np.square(mean.astype(np.float64))
     return (np.maximum(spread, 0) / (samples - 1)).astype(np.float32)
-
-
-def _metadata(path: str | os.PathLike[str], parts: Sequence[Part], color: Layer, samples: int | None) -> dict[str, Any]:
-    header = parts[0].header | parts[color.part].header
-    metadata: dict[str, Any] = {"source": str(path)}
-    if samples is not None:
-        if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples < 1:
-            raise ExrError(f"samples_per_pixel is {samples!r} but a whole number from 1 on is needed")
-        metadata["samples_per_pixel"] = int(samples)
-    elif (count := _header_samples(header, color)) is not None:
-        metadata["samples_per_pixel"] = count
-    scale = _number(header.get("exposureScale"))
-    if scale is not None:
-        metadata["exposure_scale"] = scale
-    if isinstance(header.get("scene"), str):
-        metadata["scene"] = header["scene"]
-    return metadata
-
-
-def _header_samples(header: Mapping[str, Any], color: Layer) -> int | None:
-    """This project and pbrt-v4 write `samplesPerPixel`, Cycles a text `cycles.<view layer>.samples`."""
-    cycles = [key for key in header if key.startswith("cycles.") and key.endswith(".samples")]
-    own = f"cycles.{color.parent}.samples"
-    for key in ["samplesPerPixel", own, *(cycles if len(cycles) == 1 else [])]:
-        count = _number(header.get(key))
-        if count is not None and count >= 1 and count == int(count):
-            return int(count)
-    return None
-
-
-def _number(value: Any) -> float | None:
-    """A header attribute as a finite number; OpenEXR returns a `double` as an array of one."""
-    try:
-        number = float(value[0] if isinstance(value, np.ndarray) else value)
-    except (TypeError, ValueError, IndexError):
-        return None
-    return number if np.isfinite(number) else None
-
-
-def _attributes(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """Plain Python values, the only ones OpenEXR takes."""
-    kinds = {"samples_per_pixel": ("samplesPerPixel", int), "exposure_scale": ("exposureScale", float)}
-    kinds["scene"] = ("scene", str)
-    return {name: kind(metadata[key]) for key, (name, kind) in kinds.items() if metadata.get(key) is not None}
 
 
 def _check_layers(layers: Mapping[str, str] | None) -> dict[str, str]:

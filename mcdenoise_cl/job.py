@@ -4,9 +4,7 @@
 
 from __future__ import annotations
 
-import os
 import pickle
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -16,9 +14,9 @@ from typing import Any, Literal
 import numpy as np
 import pyopencl as cl
 
-from .api import Denoiser
+from .denoisers import Clean, Material, denoisers_on
 from .details import Report
-from .errors import DeviceError, ExrError, FrameError, McdenoiseError, ParameterError
+from .errors import ExrError, FrameError, McdenoiseError, ParameterError
 from .exr import STAMP, frame_of, replace_color
 from .exr_also import also_of, replace_also
 from .exr_file import Part, load, save
@@ -151,31 +149,6 @@ class Outcome:
         return "failed" if self.error is not None else "skipped" if self.report is None else "done"
 
 
-@dataclass(frozen=True)
-class Material:
-    """A job that has been read: the frame, its neighbours, the file it goes back into, and the stamp of the result.
-
-    `frame` is None once it has been denoised. `also`: the layers that are filtered with it, by their names.
-    """
-
-    frame: Frame | None
-    neighbours: tuple[Frame, ...]
-    parts: Sequence[Part]
-    stamp: str
-    notes: tuple[str, ...] = ()
-    also: Mapping[str, np.ndarray] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Clean:
-    """What a denoiser made of a `Material`."""
-
-    image: np.ndarray
-    report: Report
-    layers: Mapping[str, str]
-    also: Mapping[str, np.ndarray] = field(default_factory=dict)
-
-
 #: The parts of a file and the frame in them; a cache may stand in for it.
 Reader = Callable[[Path], tuple[Sequence[Part], Frame]]
 
@@ -213,7 +186,7 @@ def run_job(
         started = time.perf_counter()
         material = read_job(job, recipe)
         read = time.perf_counter()
-        clean = _denoisers_on(device).denoise(material, recipe)
+        clean = denoisers_on(device).denoise(material, recipe)
         denoised = time.perf_counter()
         write_job(job, recipe, material, clean)
         times = {"read": read - started, "denoise": denoised - read, "write": time.perf_counter() - denoised}
@@ -299,54 +272,6 @@ def finished(job: Job, material: Material, clean: Clean, reason: str, seconds: M
     return Outcome(
         job.source, job.target, clean.report, clean.layers, reason=reason, notes=material.notes, seconds=dict(seconds)
     )
-
-
-class Denoisers:
-    """Makes the `Denoiser` for a frame, and hands out the last one again where frame and recipe are like the last.
-
-    Only the last one is kept: each holds device memory for a whole frame. Programs are kept by the process.
-    """
-
-    def __init__(self, device: str | int | cl.Device | None = None) -> None:
-        self._device = device
-        self._last: tuple[Any, Denoiser] | None = None
-        self._lock = threading.Lock()
-
-    def denoise(self, material: Material, recipe: Recipe) -> Clean:
-        """Raises what `Denoiser` raises; after a `DeviceError` the next frame gets a new one."""
-        frame = material.frame
-        with self._lock:
-            try:
-                denoiser = self._for(frame, recipe)
-                extra = {"neighbours": list(material.neighbours)} if material.neighbours else {}
-                image, report, also = denoiser(frame, also=material.also, **extra), denoiser.report, denoiser.also
-            except FrameError as error:
-                raise FrameError(f"{frame.metadata['source']}: {error}") from error
-            except DeviceError:
-                self._last = None  # it failed, but may be back by then
-                raise
-        used = denoiser.method.takes(frame.planes())
-        named = {plane: layer for plane, layer in frame.metadata["layers"].items() if plane in used}
-        named |= {"also": ",".join(also)} if also else {}
-        return Clean(image, report, named, also)
-
-    def _for(self, frame: Frame, recipe: Recipe) -> Denoiser:
-        key = frame.shape, recipe.method, recipe.parameters, recipe.max_memory_mb
-        if self._last is None or self._last[0] != key:
-            self._last = None  # its memory goes before the next one asks for its own
-            options = {"method": recipe.method, "device": self._device, "max_memory_mb": recipe.max_memory_mb}
-            self._last = key, Denoiser(*frame.shape, **options, **dict(recipe.parameters))
-        return self._last[1]
-
-
-_denoisers: dict[Any, Denoisers] = {}
-_denoisers_lock = threading.Lock()
-
-
-def _denoisers_on(device: str | int | cl.Device | None) -> Denoisers:
-    """Those of this process, made once."""
-    with _denoisers_lock:
-        return _denoisers.setdefault((os.getpid(), device), Denoisers(device))
 
 
 def portable(error: Exception) -> Exception:

@@ -16,8 +16,9 @@ from typing import Any
 import pyopencl as cl
 
 from .crew import Crew, Task
+from .denoisers import Clean, Denoisers, Material
 from .errors import DeviceError
-from .job import Clean, Denoisers, Job, Material, Outcome, Reader, Recipe, finished, read_job, reader_for, write_job
+from .job import Job, Outcome, Reader, Recipe, finished, read_job, reader_for, write_job
 from .stamp import judge
 
 

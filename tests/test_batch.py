@@ -5,7 +5,7 @@ import inputs
 import numpy as np
 import pytest
 
-from mcdenoise_cl import batch, job
+from mcdenoise_cl import batch, denoisers
 from mcdenoise_cl.api import denoise
 from mcdenoise_cl.errors import DeviceError, ExrError, FrameError, ParameterError
 from mcdenoise_cl.exr import read_exr, write_exr
@@ -148,12 +148,12 @@ def test_one_denoiser_for_frames_alike(tmp_path, monkeypatch):
     sources = [write_frame(tmp_path / f"{i}.exr", size=size, seed=i, features=i != 4) for i, size in enumerate(sizes)]
     made = []
 
-    class Counted(job.Denoiser):
+    class Counted(denoisers.Denoiser):
         def __init__(self, *size, method, **options):
             made.append((*size, method))
             super().__init__(*size, method=method, **options)
 
-    monkeypatch.setattr(job, "Denoiser", Counted)
+    monkeypatch.setattr(denoisers, "Denoiser", Counted)
     outcomes = batch.denoise_files(sources, tmp_path / "out")
     assert made == [(H, W, PRESETS[DEFAULT_PRESET].method), (9, 11, PRESETS[DEFAULT_PRESET].method)]
     for outcome in outcomes:

@@ -7,7 +7,7 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-from mcdenoise_cl import DeviceError, denoise_files, job, read_exr, write_exr
+from mcdenoise_cl import DeviceError, denoise_files, denoisers, read_exr, write_exr
 from mcdenoise_cl.api import denoise
 from mcdenoise_cl.choose import pick_devices
 from mcdenoise_cl.cli import main
@@ -35,7 +35,7 @@ def check(folder, out, names):
 
 def workers(monkeypatch, behave):
     """Two workers on one device, whose `denoise` is preceded by `behave(number of the worker, name of the file)`."""
-    real, made = job.Denoisers.denoise, []
+    real, made = denoisers.Denoisers.denoise, []
     lock = threading.Lock()
 
     def denoise(self, material, recipe):
@@ -45,7 +45,7 @@ def workers(monkeypatch, behave):
         behave(made.index(self), material.frame.metadata["source"].rpartition("/")[2])
         return real(self, material, recipe)
 
-    monkeypatch.setattr(job.Denoisers, "denoise", denoise)
+    monkeypatch.setattr(denoisers.Denoisers, "denoise", denoise)
     return [0, 0]
 
 

@@ -10,8 +10,8 @@ import inputs
 import numpy as np
 import pytest
 
+from mcdenoise_cl import denoisers, read_exr, write_exr
 from mcdenoise_cl import job as jobs
-from mcdenoise_cl import read_exr, write_exr
 from mcdenoise_cl.api import denoise
 from mcdenoise_cl.batch import denoise_files
 from mcdenoise_cl.errors import ExrError, ParameterError
@@ -68,7 +68,7 @@ def sequence(tmp_path):
 def seen(monkeypatch):
     """Frame -> its neighbours, and how often each file was read; denoised without them."""
     neighbours, reads = {}, Counter()
-    real, load = jobs.Denoisers.denoise, jobs.load
+    real, load = denoisers.Denoisers.denoise, jobs.load
 
     def name(frame):
         return Path(frame.metadata["source"]).name[5:7]
@@ -81,7 +81,7 @@ def seen(monkeypatch):
         reads[Path(path).name[5:7]] += 1
         return load(path)
 
-    monkeypatch.setattr(jobs.Denoisers, "denoise", denoise)
+    monkeypatch.setattr(denoisers.Denoisers, "denoise", denoise)
     monkeypatch.setattr(jobs, "load", count)
     return neighbours, reads
 

@@ -6,7 +6,8 @@ import pyopencl as cl
 import pyopencl.array as cl_array
 import pytest
 
-from mcdenoise_cl import Denoiser, DeviceError, FrameError, api, batch, denoise, engine, job, read_exr, write_exr
+from mcdenoise_cl import Denoiser, DeviceError, FrameError, batch, denoise, denoisers, engine, read_exr, write_exr
+from mcdenoise_cl import denoiser as made_by
 from mcdenoise_cl import device as devices
 from mcdenoise_cl.cli import main
 from mcdenoise_cl.device import context_for, list_devices
@@ -33,7 +34,7 @@ def places(denoiser):
     """What a frame does with the device, first to last: memory, upload, kernels, download."""
     return {
         "memory": (cl, "enqueue_fill_buffer"),
-        "upload": (api, "upload"),
+        "upload": (made_by, "upload"),
         "kernel": (denoiser._engine, "launch"),
         "download": (cl, "enqueue_copy"),
     }
@@ -91,7 +92,7 @@ def test_lost_under_device_arrays(device, monkeypatch):
 
 
 def test_lost_before_the_queue_is_made_and_before_a_build(device, monkeypatch):
-    monkeypatch.setattr(api.cl, "CommandQueue", gone("DEVICE_NOT_AVAILABLE"))
+    monkeypatch.setattr(made_by.cl, "CommandQueue", gone("DEVICE_NOT_AVAILABLE"))
     with pytest.raises(DeviceError, match="DEVICE_NOT_AVAILABLE"):
         denoise(COLOR, device=device)
     monkeypatch.undo()
@@ -150,7 +151,7 @@ def test_a_batch_goes_on_and_leaves_no_part_of_a_file(sources, tmp_path, monkeyp
     batch.denoise_files(sources[:1], tmp_path / "counted", **SMALL)
     lose_at(monkeypatch, launches() + 3)  # within the second frame
     made = []
-    monkeypatch.setattr(job, "Denoiser", lambda *args, **options: made.append(1) or Denoiser(*args, **options))
+    monkeypatch.setattr(denoisers, "Denoiser", lambda *args, **options: made.append(1) or Denoiser(*args, **options))
     outcomes = batch.denoise_files(sources, tmp_path / "out", **SMALL)
     assert [type(outcome.error) for outcome in outcomes] == [type(None), DeviceError, type(None)]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.exr", "c.exr"]
