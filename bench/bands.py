@@ -1,10 +1,11 @@
 """What it costs to filter a frame in bands of rows: time and memory of a large frame under several budgets.
 
     python bench/bands.py [--size 3840 2160] [--memory 2048 1024] [--methods auto guided nlm]
+    python bench/bands.py --size 8192 8192 --memory 4096 --methods guided nlm --bands-only --calls 1
 
 The frame is made up: a synthetic room with features, noise and its variance, tiled. Of each method and budget: rows of
-a band, the best of three calls, and the most that is kept besides input and output; results that differ from the whole
-in any bit are said to.
+a band, the best of three calls, and the most that is kept besides input and output; results that differ from the whole,
+or with --bands-only from those of the first budget, in any bit are said to.
 """
 
 from __future__ import annotations
@@ -47,18 +48,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", nargs=2, type=int, default=(3840, 2160), metavar=("W", "H"))
     parser.add_argument("--memory", nargs="*", type=int, default=(2048, 1024), help="MiB; the whole frame comes first")
+    parser.add_argument("--bands-only", action="store_true", help="never the whole frame, which may not fit")
+    parser.add_argument("--calls", type=int, default=3, help="calls after the first, the best of which is timed")
     parser.add_argument("--methods", nargs="+", default=("auto", "guided", "nlm"))
     options = parser.parse_args()
     frame = large_frame(*options.size)
     print("| method | MiB allowed | rows | seconds | MiB kept | |\n|:---|---:|---:|---:|---:|:---|")
     for method in options.methods:
         whole = None
-        for budget in (None, *options.memory):
+        for budget in (*([] if options.bands_only else [None]), *options.memory):
             denoiser, most = Denoiser(*frame.shape, method=method, max_memory_mb=budget), [0]
             denoiser._engine.memory = partial(watched, denoiser._engine, denoiser._engine.memory, most)
             try:
                 result, seconds = denoiser(frame), []
-                for _ in range(3):
+                for _ in range(max(options.calls, 1)):
                     start = time.perf_counter()
                     result = denoiser(frame)
                     seconds.append(time.perf_counter() - start)
@@ -66,7 +69,7 @@ def main() -> None:
                 print(f"| {method} | {budget} | | | | {error} |", flush=True)
                 continue
             whole = result if whole is None else whole
-            same = "" if np.array_equal(result, whole) else "**not the bits of the whole frame**"
+            same = "" if np.array_equal(result, whole) else "**other bits**"
             row = method, budget or "", denoiser._rows, f"{min(seconds):.2f}", f"{most[0] / 2**20:.0f}", same
             print("|", " | ".join(map(str, row)), "|", flush=True)
 
