@@ -1,5 +1,7 @@
 """Fixtures shared by the tests of kernels: one engine on the default device."""
 
+import signal
+
 import pyopencl as cl
 import pytest
 from processes import digest, filled, place, pocl, warm  # noqa: F401 (fixtures of the tests of caches)
@@ -24,3 +26,11 @@ def tiles_work(device):
 @pytest.fixture(scope="session")
 def engine(device):
     return Engine(cl.CommandQueue(context_for(device), device))
+
+
+@pytest.fixture
+def interruptible():
+    """Ctrl-C ends things, in this process and those it starts, also where the tests run in the background of a script, which ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

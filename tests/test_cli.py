@@ -190,6 +190,7 @@ def test_progress_on_a_terminal(folder, tmp_path):
     assert re.search(rb"denoising into .*\[#+ *\] +[123]/3", shown) and re.search(rb"\d+\.\d/s", shown)
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_interrupted(tmp_path):
     folder, out = tmp_path / "in", tmp_path / "out"
     folder.mkdir()

@@ -326,6 +326,7 @@ def test_a_full_disk(folder, tmp_path, expected, small_disk):
     check(small_disk / "out", expected)
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_an_interruption_ends_the_json_too(folder, tmp_path, capfd, monkeypatch):
     real, count = pipeline.write_job, 0
 
