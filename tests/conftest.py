@@ -30,7 +30,8 @@ def engine(device):
 
 @pytest.fixture
 def interruptible():
-    """Ctrl-C ends things, in this process and those it starts, also where the tests run in the background of a script, which ignores it."""
+    """Ctrl-C ends things, here and in processes that are started, also where a shell that runs the tests in the
+    background has it ignored."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
