@@ -5,6 +5,7 @@
  * `mark` flags the roots that have a strong member; `edges` keeps the members of flagged roots.
  */
 #include "common.h"
+#include "fast_math.h"
 
 #define NO_EDGE (-1)
 #define TAN_22_5 0.41421356237f
@@ -16,7 +17,7 @@ kernel void albedo_luminance(CONST_PLANES(albedo), int height, int width, PLANES
         return;
     const vec l = luminance(VECTOR_AT(albedo, 0, y, x), VECTOR_AT(albedo, 1, y, x), VECTOR_AT(albedo, 2, y, x));
     const vec v = clamp(l, (vec)(0.f), (vec)(1.f));
-    const vec encoded = 1.055f * power(v, 1.f / 2.4f) - 0.055f; /* sRGB */
+    const vec encoded = 1.055f * fast_power(v, 1.f / 2.4f) - 0.055f; /* sRGB */
     STORE(v <= 0.0031308f ? 12.92f * v : encoded, out + INDEX(out, 0, y, x));
 }
 

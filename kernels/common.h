@@ -96,12 +96,6 @@ inline int reflect(int i, int n)
     return i < n ? i : period - i;
 }
 
-/* x^e for x >= 0 to a few units in the last place; some runtimes have no vector form of pow. */
-inline vec power(vec x, float e)
-{
-    return exp2(log2(x) * e);
-}
-
 /* From a to b; a itself where both are equal, which the built-in mix does not promise, and each end as exact as it is,
  * however large the other. Vectors or scalars. */
 #define BLEND(a, b, t) ((t) < 0.5f ? (a) + (t) * ((b) - (a)) : (b) + (1.f - (t)) * ((a) - (b)))

@@ -5,6 +5,7 @@
  * order, so that the same frame gives the same bits.
  */
 #include "common.h"
+#include "fast_math.h"
 
 /* Rows that follow row `first` of the frame. */
 kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, int first, global float *restrict row_sum,
@@ -64,7 +65,7 @@ kernel void tonemap(CONST_PLANES(color), int height, int width, global const flo
         return;
     const vec light = larger(exposure[0] * VECTOR_AT(color, c, y, x), (vec)(0.f));
     const vec tone = curve == CLIP ? smaller(light, (vec)(1.f)) : light / (light + 1.f);
-    STORE(power(tone, 1.f / 2.2f), out + INDEX(out, c, y, x));
+    STORE(fast_power(tone, 1.f / 2.2f), out + INDEX(out, c, y, x));
 }
 
 kernel void tonemap_inverse(CONST_PLANES(in), int height, int width, global const float *restrict exposure, int curve,
@@ -73,7 +74,7 @@ kernel void tonemap_inverse(CONST_PLANES(in), int height, int width, global cons
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    const vec tone = power(clamp(VECTOR_AT(in, c, y, x), (vec)(0.f), (vec)(1.f)), 2.2f);
+    const vec tone = fast_power(clamp(VECTOR_AT(in, c, y, x), (vec)(0.f), (vec)(1.f)), 2.2f);
     const vec light = curve == CLIP ? tone : tone / larger((vec)(1.f) - tone, (vec)(1e-6f));
     STORE(light / exposure[0], out + INDEX(out, c, y, x));
 }

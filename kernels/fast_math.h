@@ -48,4 +48,10 @@ INLINE vec fast_log(vec x)
 }
 #endif
 
+/* x^e for x from 0 on and e > 0 */
+INLINE vec fast_power(vec x, float e)
+{
+    return x > (vec)(0.f) ? fast_exp(e * fast_log(x)) : (vec)(0.f);
+}
+
 #endif
