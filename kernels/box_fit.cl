@@ -164,10 +164,11 @@ kernel void box_fit_blocks(CONST_PLANES(light), CONST_PLANES(color),
 }
 
 /* The groups of the 2 RADIUS + 1 blocks around each block of a column as one; transposed, so that the next step, along
- * rows, goes along columns too. A work-item makes 2 RADIUS + 1 windows of WIDTH columns. */
+ * rows, goes along columns too. A work-item makes 2 RADIUS + 1 windows of WIDTH columns; the next one those below, whose
+ * results go to the same lines of a cache. */
 kernel void box_fit_columns(CONST_PLANES(group), int height, int width, int phase, PLANES(out))
 {
-    const int x = get_global_id(0) * WIDTH, first = (int)get_global_id(1) * SIDE - phase - RADIUS;
+    const int x = get_global_id(1) * WIDTH, first = (int)get_global_id(0) * SIDE - phase - RADIUS;
     if (x >= width || first + RADIUS >= height)
         return;
     Group ends[SIDE], beginning, window[SIDE];
@@ -183,7 +184,7 @@ kernel void box_fit_columns(CONST_PLANES(group), int height, int width, int phas
  * regularised. */
 kernel void box_fit_solve(CONST_PLANES(group), int height, int width, float ridge, float least, PLANES(out))
 {
-    const int x = get_global_id(0) * WIDTH, first = (int)get_global_id(1) * SIDE - RADIUS;
+    const int x = get_global_id(1) * WIDTH, first = (int)get_global_id(0) * SIDE - RADIUS;
     if (x >= width || first + RADIUS >= height)
         return;
     Group ends[SIDE], beginning, window;

@@ -78,10 +78,10 @@ def box_fit(
         numbers = height, width, float(relative), float(noise_ridge)
         launch("blocks", blocks, light, target, *guides, *noises, *numbers, groups)
         phase = first // block % window
-        size = engine.vectors(columns), -(-(rows + phase) // window)
+        size = -(-(rows + phase) // window), engine.vectors(columns)
         launch("columns", size, groups, rows, columns, phase, joined)
         fit = engine.planes(3 * (count + 1), rows, columns)
-        size = engine.vectors(rows), -(-columns // window)
+        size = -(-columns // window), engine.vectors(rows)
         launch("solve", size, joined, columns, rows, float(ridge), float(floor), fit)
         del groups, joined
         fit = box_mean(engine, fit, radius)
