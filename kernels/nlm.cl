@@ -38,7 +38,7 @@ kernel void nlm(CONST_PLANES(tone), CONST_PLANES(color), int height, int width, 
         for (int dx = dy == 0 ? 1 : -search_radius; dx <= search_radius; dx++) {
             const bool shared = dy <= SHARED && abs(dx) <= SHARED;
             const int up = shared ? dy : 0, left = shared ? max(dx, 0) : 0, wide = shared ? abs(dx) : 0;
-            const region area = region_of(ROWS + up, COLUMNS + wide);
+            const region area = REGION(ROWS + up, COLUMNS + wide);
             for (int side = 0; side < (shared ? 1 : 2); side++) {
                 const int sy = side == 0 ? dy : -dy, sx = side == 0 ? dx : -dx;
                 global const float *here = tone + INDEX(tone, 0, y - up, x - left);

@@ -32,9 +32,10 @@ kernel void patch_ssim(CONST_PLANES(unit), CONST_PLANES(stats), int height, int 
     const int x = get_global_id(0) * COLUMNS, y = get_global_id(1) * ROWS;
     const int move = dy * unit_row + dx, stats_move = dy * stats_row + dx;
     vec across[3][REGION_ROWS + 2 * PATCH_RADIUS][REGION_VECTORS];
+    const region area = REGION(ROWS, COLUMNS);
     for (int c = 0; c < 3; c++) {
         global const float *here = unit + INDEX(unit, c, y, x);
-        sum_across(here, here + move, unit_row, 0, 1, 0, region_of(ROWS, COLUMNS), across[c]);
+        sum_across(here, here + move, unit_row, 0, 1, 0, area, across[c]);
     }
     for (int r = 0; r < ROWS && y + r < height; r++)
         for (int v = 0; v < VECTORS; v++) {
