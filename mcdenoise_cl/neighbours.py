@@ -25,6 +25,7 @@ from .stages.temporal import (
     VARIANCE_RADIUS,
     Look,
     accumulate,
+    choose_motion,
     copies,
     find_motion,
     look_at,
@@ -103,7 +104,11 @@ def merge(engine: Engine, source: Source, neighbours: Sequence[Source], names: S
             theirs = neighbour.planes(rows)
             motion = theirs.pop(MOTION, None)
             other = _look(engine, theirs, exposure)
-            weights = weigh(engine, own, other, find_motion(engine, own, other) if motion is None else motion, total)
+            if motion is None:
+                motion = find_motion(engine, own, other)
+            else:
+                motion = choose_motion(engine, own, other, motion)
+            weights = weigh(engine, own, other, motion, total)
             for name in names:
                 kind = {"squared": name.endswith("_variance"), "light": name.startswith("color")}
                 accumulate(engine, sums[name], theirs[name], weights, **kind)

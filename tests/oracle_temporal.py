@@ -104,6 +104,24 @@ def find_motion(costs: np.ndarray, height: int, width: int) -> tuple[np.ndarray,
     return motion, margin
 
 
+def choose_motion(
+    own: np.ndarray, other: np.ndarray, names: Sequence[str], given: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motion (H, W, 2): `given`, or what is found in the blocks where that costs less; and by how much, of blocks."""
+    height, width = own.shape[:2]
+    costs = match_costs(own, other, names)
+    found, _ = find_motion(costs, height, width)
+    taps = taps_of(given, height, width)
+    nearest = taps.weight.argmax(-1)[..., None]
+    ys, xs = (np.take_along_axis(index, nearest, -1)[..., 0] for index in (taps.y, taps.x))
+    counts = (taps.weight.max(-1) > 0).astype(float)
+    each = counts * np.minimum(mismatch(own, other[ys, xs], names), MOST)
+    sums, counts = (smoothed(blocks(image)) for image in (each, counts))
+    margin = sums - least_costs(costs, height, width) * counts
+    chosen = (margin <= 0).repeat(BLOCK, 0).repeat(BLOCK, 1)[:height, :width, None]
+    return np.where(chosen, given, found.repeat(BLOCK, 0).repeat(BLOCK, 1)[:height, :width]), margin
+
+
 @dataclass(frozen=True)
 class Taps:
     """The four pixels around the place to which each pixel has moved: rows, columns and weights, (H, W, 4)."""
@@ -231,9 +249,10 @@ def merge(
     sums = {name: np.where(plane < 0, np.nan, plane) if "variance" in name else plane for name, plane in sums.items()}
     for neighbour in neighbours:
         _, other, other_light, factor = look(neighbour, exposure)
-        motion = neighbour.get("motion")
-        if motion is None:
+        if (given := neighbour.get("motion")) is None:
             motion, _ = find_motion(match_costs(own, other, features), *total.shape)
+        else:
+            motion, _ = choose_motion(own, other, features, given)
         guessed = not {"color_variance", "color_a"} & set(frame)
         weights = weigh(own, other, light, other_light, motion, features, guessed)
         total = total + weights.sum(-1)
