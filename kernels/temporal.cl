@@ -31,6 +31,8 @@
  * blur and gain nothing. */
 #define BENT 0.1f
 #define SNAP 0.15f
+/* Motion vectors are kept where they cost no more than what is found, but for rounding. */
+#define TIE 1e-3f
 
 /* Each of the four pixels: kept up to FIRST, left out from LAST on, with a smooth step between; the pixel with all of
  * them; its light, where 1 is twice the noise. */
@@ -242,7 +244,7 @@ kernel void choose_motion(CONST_PLANES(found), CONST_PLANES(costs), CONST_PLANES
             sum += weight * AT(costs, 0, j, i);
             weights += weight * AT(costs, 1, j, i);
         }
-    const bool kept_as_given = sum <= AT(found, 2, down, across) * weights;
+    const bool kept_as_given = sum <= (AT(found, 2, down, across) + TIE) * weights;
     for (int c = 0; c < 2; c++)
         AT(out, c, y, x) = kept_as_given ? AT(motion, c, y, x) : AT(found, c, down, across);
 }
