@@ -49,7 +49,7 @@ class Frame:
         color_a, color_b: (H, W, 3), two independent renderings with half the samples each, whose mean is `color`.
         motion: (H, W, 2), only of a neighbour in a sequence: how far what each pixel of the frame shows has moved in
             this neighbour, to the right and down, in pixels. Pixel (x, y) of the frame is found here at
-            (x + motion[y, x, 0], y + motion[y, x, 1]). None: it is searched for.
+            (x + motion[y, x, 0], y + motion[y, x, 1]). None, and where it fits worse: it is searched for.
         to_previous, to_next: (H, W, 2), the same of this frame's own pixels: how far what they show is moved in the
             frame before and in the one after. `with_motion` makes the `motion` of neighbours of them.
         metadata: free-form facts, for instance `samples_per_pixel`.
