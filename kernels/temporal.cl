@@ -4,7 +4,7 @@
  *
  * q_i are the four pixels of neighbour k around the place to which p has moved. Features tell where that is: of every
  * block of 8x8 pixels and those around it, the displacement at which they differ least beyond their noise, to a part of
- * a pixel. Then each of the four, each pixel and its surroundings are tested: what differs in its features, or in light
+ * a pixel; or motion vectors do, in blocks where they cost no more than that. Then each of the four, each pixel and its surroundings are tested: what differs in its features, or in light
  * by more than its noise, is left out. All frames are laid out alike, without borders but for those of match_costs.
  *
  * A guide holds the planes of the features, then for each feature the sum of its channels' variances. Light is three
@@ -31,6 +31,8 @@
  * blur and gain nothing. */
 #define BENT 0.1f
 #define SNAP 0.15f
+/* Motion vectors are kept where they cost no more than what is found, but for rounding. */
+#define TIE 1e-3f
 
 /* Each of the four pixels: kept up to FIRST, left out from LAST on, with a smooth step between; the pixel with all of
  * them; its light, where 1 is twice the noise. */
@@ -136,7 +138,7 @@ inline float part_of_pixel(float before, float here, float after)
     return fabs(part) < SNAP ? 0.f : part;
 }
 
-/* Two planes of blocks: how far each has moved to the right, and down. */
+/* Three planes of blocks: how far each has moved to the right, and down; and what that costs. */
 kernel void find_motion(CONST_PLANES(costs), int height, int width, PLANES(out))
 {
     const int x = get_global_id(0), y = get_global_id(1);
@@ -161,6 +163,7 @@ kernel void find_motion(CONST_PLANES(costs), int height, int width, PLANES(out))
         v += part_of_pixel(COST(below - 1, right), least, COST(below + 1, right));
     AT(out, 0, y, x) = u;
     AT(out, 1, y, x) = v;
+    AT(out, 2, y, x) = least;
 }
 
 /* The four pixels around the place to which a pixel has moved: rows y[0] and y[1], columns x[0] and x[1], and the
@@ -195,6 +198,56 @@ inline taps taps_of(CONST_PLANES(motion), int block, int height, int width, int 
 #define HERE(c) here[c]
 #define THERE(c) there[c]
 #define MOVED(c) moved[c]
+
+/* Two planes of blocks: the sum of the mismatches where motion vectors lead, each to the nearest pixel, and how many of
+ * the vectors stay in the picture. */
+kernel void vector_costs(CONST_PLANES(own), CONST_PLANES(other), CONST_PLANES(motion), int height, int width,
+                         PLANES(out))
+{
+    const int across = get_global_id(0), down = get_global_id(1), block = 1;
+    if (8 * across >= width || 8 * down >= height)
+        return;
+    float sum = 0.f, count = 0.f;
+    for (int y = 8 * down; y < min(8 * down + 8, height); y++)
+        for (int x = 8 * across; x < min(8 * across + 8, width); x++) {
+            const taps t = TAPS;
+            int nearest = 0;
+            for (int i = 1; i < 4; i++)
+                nearest = t.weight[i] > t.weight[nearest] ? i : nearest;
+            if (t.weight[nearest] == 0.f)
+                continue;
+            float here[GUIDE], there[GUIDE];
+            for (int c = 0; c < GUIDE; c++) {
+                here[c] = AT(own, c, y, x);
+                there[c] = AT(other, c, t.y[nearest / 2], t.x[nearest % 2]);
+            }
+            sum += fmin(MISMATCH(HERE, THERE), MOST);
+            count += 1.f;
+        }
+    AT(out, 0, down, across) = sum;
+    AT(out, 1, down, across) = count;
+}
+
+/* Two planes of pixels: the motion vectors, or in blocks where these cost more what was found. Vectors may be wrong, and
+ * many renderers have none, or 0, where a ray leaves the scene. */
+kernel void choose_motion(CONST_PLANES(found), CONST_PLANES(costs), CONST_PLANES(motion), int height, int width,
+                          PLANES(out))
+{
+    const int x = get_global_id(0), y = get_global_id(1);
+    if (x >= width || y >= height)
+        return;
+    const int across = x / 8, down = y / 8;
+    float sum = 0.f, weights = 0.f;
+    for (int j = max(down - 1, 0); j <= min(down + 1, (height - 1) / 8); j++)
+        for (int i = max(across - 1, 0); i <= min(across + 1, (width - 1) / 8); i++) {
+            const float weight = (j == down ? 2.f : 1.f) * (i == across ? 2.f : 1.f);
+            sum += weight * AT(costs, 0, j, i);
+            weights += weight * AT(costs, 1, j, i);
+        }
+    const bool kept_as_given = sum <= (AT(found, 2, down, across) + TIE) * weights;
+    for (int c = 0; c < 2; c++)
+        AT(out, c, y, x) = kept_as_given ? AT(motion, c, y, x) : AT(found, c, down, across);
+}
 kernel void compare(CONST_PLANES(own), CONST_PLANES(other), CONST_PLANES(light), CONST_PLANES(other_light),
                     CONST_PLANES(motion), int block, int height, int width, PLANES(tests), PLANES(weights))
 {

@@ -10,6 +10,7 @@ from .exr import read_exr, write_exr
 from .exr_also import read_also
 from .frame import Frame
 from .methods import methods
+from .motion import with_motion
 
 __all__ = [
     "Denoised",
@@ -28,5 +29,6 @@ __all__ = [
     "methods",
     "read_also",
     "read_exr",
+    "with_motion",
     "write_exr",
 ]

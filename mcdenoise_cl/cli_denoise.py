@@ -10,6 +10,7 @@ import click
 
 from .cli_options import COUNT, chosen_devices, debug_option, devices_option, force_option, split, usage
 from .console_batch import Teller, note_pairs, tell_outcome, tell_outcomes, tell_plan
+from .exr_layers import MOTION
 from .frame import PLANES
 from .methods import DEFAULT_PRESET, PRESETS, get_method, methods, settle
 from .methods.parameters import parse
@@ -36,7 +37,8 @@ from .methods.parameters import parse
     "layers",
     multiple=True,
     metavar="PLANE=NAME",
-    help=f"The layer of a plane, where it is not recognised; none leaves the plane out. Planes: {', '.join(PLANES)}.",
+    help="The layer of a plane, where it is not recognised; none leaves the plane out, as motion=none does the motion "
+    f"vectors. Planes: {', '.join(PLANES)}.",
 )
 @click.option(
     "--also",
@@ -191,6 +193,6 @@ def _names(text: str | None) -> tuple[str, ...]:
 def _layers(pairs: Sequence[str]) -> dict[str, str]:
     layers = dict(split("--layer", "PLANE=NAME", pairs))
     for plane in layers:
-        if plane not in PLANES:
+        if plane not in (*PLANES, MOTION):
             raise usage(f"--layer has {plane!r}, but the planes are {', '.join(PLANES)}")
     return layers

@@ -114,7 +114,7 @@ def tell_outcome(outcome: Outcome, automatic: bool) -> None:
     layers = ", ".join(f"{plane}={layer}" for plane, layer in outcome.layers.items())
     time_taken = f" in {sum(report.stage_ms.values()):.0f} ms" if report.stage_ms else ""
     say(f"{outcome.target}: {report.method} from {layers}{time_taken} on {report.device}")
-    if automatic and outcome.layers.keys() <= {"color", "also"}:
+    if automatic and outcome.layers.keys() <= {"color", "also", "motion"}:
         say("note: nothing but the colour was found, albedo and normal would help; --layer names them if they exist")
     for plane, count in report.replaced.items():
         pixels = "pixel" if count == 1 else "pixels"

@@ -39,7 +39,8 @@ class Denoiser:
         device: index, part of a name, or `pyopencl.Device`; None: see `mcdenoise_cl.choose.pick_device`.
         queue: an in-order `pyopencl.CommandQueue` to work on instead, in the caller's context.
         max_memory_mb: MiB that may be kept at a time besides input and output; a frame that needs more is filtered in
-            bands of rows, to the same result. None: what the device has, or half of it where that is the host's.
+            bands of rows, to the same result. What neighbours are merged into counts as input: a float32 copy of each
+            plane that the method takes. None: what the device has, or half of it where that is the host's.
         **parameters: the method's, by name.
 
     Raises:

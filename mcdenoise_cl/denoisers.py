@@ -15,6 +15,7 @@ from .api import Denoiser
 from .details import Report
 from .errors import DeviceError, FrameError
 from .exr_file import Part
+from .exr_layers import MOTION
 from .frame import Frame
 
 if TYPE_CHECKING:
@@ -72,6 +73,8 @@ class Denoisers:
                 raise
         used = denoiser.method.takes(frame.planes())
         named = {plane: layer for plane, layer in frame.metadata["layers"].items() if plane in used}
+        if MOTION in frame.metadata and any(near.motion is not None for near in material.neighbours):
+            named[MOTION] = frame.metadata[MOTION]
         named |= {"also": ",".join(also)} if also else {}
         return Clean(image, report, named, also)
 

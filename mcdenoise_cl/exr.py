@@ -14,6 +14,8 @@ import pyopencl.array as cl_array
 from .errors import ExrError, FrameError
 from .exr_file import Part, load, save
 from .exr_layers import (
+    MOTION,
+    NONE,
     OWN_CHANNELS,
     Layer,
     describe,
@@ -25,6 +27,7 @@ from .exr_layers import (
     result_layer,
 )
 from .exr_metadata import attributes_of, metadata_of
+from .exr_motion import own_vectors, vectors_of
 from .frame import PLANES, Frame
 
 #: The header attribute in which `stamp.py` keeps how a file was made.
@@ -56,13 +59,15 @@ def read_exr(
     Args:
         path: the file.
         layers: the layer of a plane by the plane's name, instead of the one that would be recognised: the name of a
-            layer or channel, or channel names separated by commas. "" or "none" leaves the plane out.
+            layer or channel, or channel names separated by commas. "" or "none" leaves the plane out. Motion vectors
+            are recognised by name alone: {"motion": "none"} leaves them out, and nothing else can be said of them.
         samples_per_pixel: overrides what the header says.
 
     Returns:
         A frame of (H, W, 3) and (H, W) NumPy planes over the data window, in the dtype that is stored (float16 or
-        float32; variances made from moments are float32). `metadata` has `source` and `layers`, and where the header
-        tells, `samples_per_pixel`, `exposure_scale` and `scene`.
+        float32; variances made from moments are float32), with motion vectors, `to_previous` and `to_next`, where
+        there are this project's own or Blender's pass Vector. `metadata` has `source` and `layers`, with
+        vectors `motion`, their layers, and where the header tells, `samples_per_pixel`, `exposure_scale` and `scene`.
 
     Raises:
         ExrError: the file is missing, damaged or no EXR file, has no colour that can be recognised, has deep or
@@ -84,8 +89,10 @@ def frame_of(
     parts: Sequence[Part],
     layers: Mapping[str, str] | None = None,
     samples_per_pixel: int | None = None,
+    *,
+    motion: bool = True,
 ) -> Frame:
-    """The frame in the parts of a file; all else as for `read_exr`."""
+    """The frame in the parts of a file, with its motion vectors if asked; all else as for `read_exr`."""
     known, wanted, color = layers_of(path, parts, layers)
     metadata = metadata_of(path, parts, color, samples_per_pixel)
     samples = metadata.get("samples_per_pixel")
@@ -113,6 +120,10 @@ def frame_of(
         else:
             del found[plane]
     metadata["layers"] = {plane: layer.title for plane, layer in found.items()}
+    if motion and MOTION not in (layers or {}):
+        vectors, titles = vectors_of(parts, in_window, color)
+        planes |= vectors
+        metadata |= {MOTION: ", ".join(titles)} if titles else {}
     try:
         return Frame(**planes, metadata=metadata)
     except FrameError as error:
@@ -135,8 +146,9 @@ def write_exr(
 
     Args:
         path: the file to write; may be the template.
-        image: host arrays. A `Frame`, of which every plane is written under this project's layer names, and
-            `samples_per_pixel`, `exposure_scale` and `scene` of its metadata; or an (H, W, 3) array, written as R G B.
+        image: host arrays. A `Frame`, of which every plane is written under this project's layer names, its motion
+            vectors, and `samples_per_pixel`, `exposure_scale` and `scene` of its metadata; or an (H, W, 3) array,
+            written as R G B.
         template: an EXR file of which everything else is kept: other layers, alpha, parts, header attributes, data
             and display window, scanlines or tiles, compression. Only the colour layer that `read_exr` takes is
             replaced, by `image` or its `color`; for Cycles' "Noisy Image" that is the "Combined" beside it, which
@@ -168,7 +180,9 @@ def write_exr(
         raise ExrError("also is given but template is not: pass the file that has these layers")
     if template is None:
         metadata = image.metadata if isinstance(image, Frame) else {}
-        parts = [_own_part(planes, metadata, COMPRESSIONS["zip"] if packing is None else packing, stored)]
+        vectors = own_vectors(image) if isinstance(image, Frame) else {}
+        packing = COMPRESSIONS["zip"] if packing is None else packing
+        parts = [_own_part(planes, vectors, metadata, packing, stored)]
     else:
         parts = replace_color(template, load(template), planes["color"], layers, stored)
         if also:
@@ -182,11 +196,12 @@ def write_exr(
 
 def _own_part(
     planes: Mapping[str, np.ndarray],
+    vectors: Mapping[str, np.ndarray],
     metadata: Mapping[str, Any],
     compression: OpenEXR.Compression,
     dtype: np.dtype | None,
 ) -> Part:
-    """All planes under this project's layer names."""
+    """All planes under this project's layer names, and motion vectors, which have theirs."""
     channels = {}
     for plane, pixels in planes.items():
         kind = np.dtype("f2") if pixels.dtype == np.float16 else np.dtype("f4")
@@ -194,6 +209,9 @@ def _own_part(
             kind = dtype
         split = [pixels] if pixels.ndim == 2 else [pixels[..., c] for c in range(3)]
         channels |= {name: (cast(p, kind), False) for name, p in zip(OWN_CHANNELS[plane], split, strict=True)}
+    for name, pixels in vectors.items():
+        kind = np.dtype("f2") if pixels.dtype == np.float16 else np.dtype("f4")
+        channels[name] = cast(pixels, dtype or kind), False
     header = {"type": OpenEXR.scanlineimage, "compression": compression, **attributes_of(metadata)}
     return Part(header, channels, False)
 
@@ -271,11 +289,15 @@ def _variance_of_mean(mean: np.ndarray, moment: np.ndarray, samples: int) -> np.
 
 def _check_layers(layers: Mapping[str, str] | None) -> dict[str, str]:
     for plane, name in (layers or {}).items():
-        if plane not in PLANES:
+        if plane not in (*PLANES, MOTION):
             raise ExrError(f"{plane!r} is not a plane: layers can be given for {', '.join(PLANES)}")
         if not isinstance(name, str):
             raise ExrError(f"the layer given for {plane} is {name!r}: give its name as text")
-    return dict(layers or {})
+        if plane == MOTION and name.casefold() not in NONE:
+            raise ExrError(
+                f"motion={name} is given, but motion vectors are recognised by name alone: motion=none leaves them out"
+            )
+    return {plane: name for plane, name in (layers or {}).items() if plane != MOTION}
 
 
 def _check_compression(compression: str | OpenEXR.Compression) -> OpenEXR.Compression:

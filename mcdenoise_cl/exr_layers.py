@@ -57,6 +57,8 @@ NOT_NORMALS = frozenset(
     )
 )
 NONE = ("", "none")
+#: What a user calls motion vectors, which are recognised by name alone and can only be left out.
+MOTION = "motion"
 PLAIN = ("rgb", "rgba", "r g b", "r g b a")
 
 

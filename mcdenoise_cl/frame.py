@@ -25,6 +25,10 @@ VECTOR_PLANES = (
 #: Planes with one channel, (H, W).
 SCALAR_PLANES = ("depth", "depth_variance")
 PLANES = VECTOR_PLANES + SCALAR_PLANES
+#: Motion vectors of a frame, (H, W, 2), to the frames before and after it.
+VECTORS = ("to_previous", "to_next")
+#: What a frame has that is no plane of its picture.
+_BESIDE = ("motion", *VECTORS, "metadata")
 DTYPES = (np.dtype("f2"), np.dtype("f4"), np.dtype("f8"))
 
 
@@ -45,7 +49,9 @@ class Frame:
         color_a, color_b: (H, W, 3), two independent renderings with half the samples each, whose mean is `color`.
         motion: (H, W, 2), only of a neighbour in a sequence: how far what each pixel of the frame shows has moved in
             this neighbour, to the right and down, in pixels. Pixel (x, y) of the frame is found here at
-            (x + motion[y, x, 0], y + motion[y, x, 1]). None: it is searched for.
+            (x + motion[y, x, 0], y + motion[y, x, 1]). None, and where it fits worse: it is searched for.
+        to_previous, to_next: (H, W, 2), the same of this frame's own pixels: how far what they show is moved in the
+            frame before and in the one after. `with_motion` makes the `motion` of neighbours of them.
         metadata: free-form facts, for instance `samples_per_pixel`.
 
     Raises:
@@ -70,6 +76,8 @@ class Frame:
     color_a: Any = None
     color_b: Any = None
     motion: Any = None
+    to_previous: Any = None
+    to_next: Any = None
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -80,9 +88,10 @@ class Frame:
         for name, plane in self.planes().items():
             _check_type(name, plane)
             _check_shape(name, plane, tuple(self.color.shape[:2]), scalar=name in SCALAR_PLANES)
-        if self.motion is not None:
-            _check_type("motion", self.motion)
-            _check_motion(tuple(self.motion.shape), self.shape)
+        vectors = {name: getattr(self, name) for name in ("motion", *VECTORS) if getattr(self, name) is not None}
+        for name, plane in vectors.items():
+            _check_type(name, plane)
+            _check_motion(name, tuple(plane.shape), self.shape)
         if (self.color_a is None) != (self.color_b is None):
             have, lack = ("color_a", "color_b") if self.color_b is None else ("color_b", "color_a")
             raise FrameError(f"{have} is given but {lack} is not: pass both half buffers, or neither")
@@ -90,7 +99,7 @@ class Frame:
             feature = name.removesuffix("_variance")
             if feature != name and getattr(self, name) is not None and getattr(self, feature) is None:
                 raise FrameError(f"{name} is given but {feature} is not: pass {feature} too, or leave {name} out")
-        arrays = self.planes() | ({} if self.motion is None else {"motion": self.motion})
+        arrays = self.planes() | vectors
         kinds = {name: isinstance(plane, cl_array.Array) for name, plane in arrays.items()}
         if len(set(kinds.values())) > 1:
             host = next(name for name, on_device in kinds.items() if not on_device)
@@ -110,8 +119,8 @@ class Frame:
         return isinstance(self.color, cl_array.Array)
 
     def planes(self) -> dict[str, Any]:
-        """The planes that are present, by name, `color` first; without `motion`."""
-        present = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("motion", "metadata")}
+        """The planes that are present, by name, `color` first; without motion vectors."""
+        present = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _BESIDE}
         return {name: plane for name, plane in present.items() if plane is not None}
 
 
@@ -143,10 +152,11 @@ def _check_type(name: str, plane: Any) -> None:
         raise FrameError(f"{name} is a masked array, whose mask would be lost: fill it first, {name}.filled(0)")
 
 
-def _check_motion(shape: tuple[int, ...], size: tuple[int, int]) -> None:
+def _check_motion(name: str, shape: tuple[int, ...], size: tuple[int, int]) -> None:
     if shape != (*size, 2):
-        hint = ": pass the two channels that belong to this neighbour" if shape[:2] == size and len(shape) == 3 else ""
-        raise FrameError(f"motion is {shape} but {(*size, 2)} is needed, pixels to the right and down{hint}")
+        which = "this neighbour" if name == "motion" else "that frame"
+        hint = f": pass the two channels that belong to {which}" if shape[:2] == size and len(shape) == 3 else ""
+        raise FrameError(f"{name} is {shape} but {(*size, 2)} is needed, pixels to the right and down{hint}")
 
 
 def _check_shape(name: str, plane: Any, size: tuple[int, int], *, scalar: bool) -> None:

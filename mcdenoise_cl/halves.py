@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from .errors import FrameError
-from .frame import PLANES, Frame
+from .exr_layers import MOTION
+from .frame import PLANES, VECTORS, Frame
 
 #: `name.a.exr` and `name.b.exr` are the halves of `name.exr`.
 _HALF = re.compile(r"(?P<stem>.+)\.(?P<half>[ab])(?P<suffix>\.exr)", re.IGNORECASE)
@@ -57,6 +58,7 @@ def mean_of_halves(a: Frame, b: Frame, *, names: Sequence[Any] = ("a", "b")) -> 
     `color_b` are the two colours. Variances are those of the weighted mean of independent values, wa² va + wb² vb:
     (va + vb) / 4 for equal samples. A feature that only one has is taken from it, with its variance; a variance of the
     colour, or of a feature that both have, needs both. Half buffers of their own are left out.
+    Motion vectors are those of `a`, where it has any, else of `b`.
 
     Args:
         a, b: host frames of one size.
@@ -99,7 +101,10 @@ def mean_of_halves(a: Frame, b: Frame, *, names: Sequence[Any] = ("a", "b")) -> 
     metadata.pop("samples_per_pixel", None)
     if None not in samples:
         metadata["samples_per_pixel"] = sum(samples)
-    return Frame(**planes, metadata=metadata)
+    source = a if any(getattr(a, name) is not None for name in VECTORS) else b
+    vectors = {name: getattr(source, name) for name in VECTORS}
+    metadata |= {name: text for name, text in source.metadata.items() if name == MOTION}
+    return Frame(**planes, **vectors, metadata=metadata)
 
 
 def weights_of_halves(a: Frame, b: Frame) -> tuple[float, float]:

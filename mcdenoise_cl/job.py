@@ -24,7 +24,9 @@ from .frame import Frame
 from .halves import mean_of_halves, partner, weighted_sum, weights_of_halves
 from .methods import get_method, settle
 from .methods.parameters import make, shown
+from .motion import with_motion
 from .quiet import hushed
+from .sequence import frames_between
 from .stamp import judge, stamp
 
 
@@ -206,7 +208,7 @@ def read_job(job: Job, recipe: Recipe, reader: Reader | None = None) -> Material
     text = stamp(job, recipe)
     parts, frame = read(job.source)
     also = also_of(job.source, parts, recipe.also, frame, dict(recipe.layers))
-    images, neighbours, notes = also.images, [], list(also.notes)
+    images, neighbours, offsets, notes = also.images, [], [], list(also.notes)
     if job.halves is not None:
         frame, images = _halves(job.halves, read), _halves_also(job.halves, read, images, dict(recipe.layers))
     for path in job.neighbours if recipe.temporal else ():
@@ -217,9 +219,10 @@ def read_job(job: Job, recipe: Recipe, reader: Reader | None = None) -> Material
             continue
         if beside.shape == frame.shape:
             neighbours.append(beside)
+            offsets.append(frames_between(job.source, path))
         else:
             notes.append(f"done without its neighbour {path}, which is {beside.shape} and not {frame.shape}")
-    return Material(frame, tuple(neighbours), parts, text, tuple(notes), images)
+    return Material(frame, tuple(with_motion(frame, neighbours, offsets)), parts, text, tuple(notes), images)
 
 
 def reader_for(recipe: Recipe) -> Reader:
@@ -228,7 +231,9 @@ def reader_for(recipe: Recipe) -> Reader:
     def read(path: Path) -> tuple[Sequence[Part], Frame]:
         with hushed():
             parts = load(path)
-            return parts, frame_of(path, parts, dict(recipe.layers), recipe.samples_per_pixel)
+            # Only a neighbour, or what has some, has use for motion vectors.
+            motion = recipe.temporal > 0
+            return parts, frame_of(path, parts, dict(recipe.layers), recipe.samples_per_pixel, motion=motion)
 
     return read
 

@@ -25,6 +25,7 @@ from .stages.temporal import (
     VARIANCE_RADIUS,
     Look,
     accumulate,
+    choose_motion,
     copies,
     find_motion,
     look_at,
@@ -101,9 +102,10 @@ def merge(engine: Engine, source: Source, neighbours: Sequence[Source], names: S
         total = clip(engine, own.factor, 1.0, 1.0)
         for neighbour in neighbours:
             theirs = neighbour.planes(rows)
-            motion = theirs.pop(MOTION, None)
+            given = theirs.pop(MOTION, None)
             other = _look(engine, theirs, exposure)
-            weights = weigh(engine, own, other, find_motion(engine, own, other) if motion is None else motion, total)
+            found = find_motion(engine, own, other) if given is None else choose_motion(engine, own, other, given)
+            weights = weigh(engine, own, other, found, total)
             for name in names:
                 kind = {"squared": name.endswith("_variance"), "light": name.startswith("color")}
                 accumulate(engine, sums[name], theirs[name], weights, **kind)

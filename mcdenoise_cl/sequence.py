@@ -13,6 +13,8 @@ from .methods.parameters import shown
 #: `####`, or `%04d` and `%d`.
 _TOKEN = re.compile(r"(?P<hashes>#+)|%(?:0(?P<width>\d+))?d")
 _RANGE = re.compile(r"(?P<first>-?\d+)(?:-(?P<last>-?\d+)(?:x(?P<every>\d+))?)?")
+#: The number of a frame is the last in its name.
+_NUMBERED = re.compile(r"(?P<start>.*?)(?P<number>\d+)(?P<end>\D*)")
 #: More frames than anybody renders: a slip of the keyboard.
 MOST = 1_000_000
 
@@ -91,7 +93,7 @@ def find_neighbours(path: Path, count: int, listing: dict[Path, list[str]] | Non
     Args:
         listing: remembers what is in a folder from one call to the next.
     """
-    match = re.fullmatch(r"(?P<start>.*?)(?P<number>\d+)(?P<end>\D*)", path.name)
+    match = _NUMBERED.fullmatch(path.name)
     if match is None or count == 0:
         return ()
     listing = {} if listing is None else listing
@@ -103,6 +105,17 @@ def find_neighbours(path: Path, count: int, listing: dict[Path, list[str]] | Non
     before = sorted(number for number in numbers if number < own)[-count:]
     after = sorted(number for number in numbers if number > own)[:count]
     return tuple(path.parent / numbers[number] for number in (*before, *after))
+
+
+def frames_between(one: Path, other: Path) -> int | None:
+    """How many frames after one the other is, by their names; None where these have no numbers.
+
+    Example:
+        >>> frames_between(Path("shot2.0010.a.exr"), Path("shot2.0008.a.exr")), frames_between(Path("a"), Path("b"))
+        (-2, None)
+    """
+    first, second = (_NUMBERED.fullmatch(path.name) for path in (one, other))
+    return None if first is None or second is None else int(second["number"]) - int(first["number"])
 
 
 def _width(token: re.Match[str]) -> int:

@@ -13,15 +13,22 @@ MARGIN = 8
 
 
 def planes_at(
-    height: int, width: int, move: tuple[int, int] = (0, 0), seed: int = 0, spp: int = 8, light: float = 1.0
+    height: int,
+    width: int,
+    move: tuple[int, int] = (0, 0),
+    seed: int = 0,
+    spp: int = 8,
+    light: float = 1.0,
+    margin: int = MARGIN,
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Every plane of a frame that sees the room `move` = (right, down) pixels further on, and the truth (H, W, 3).
 
-    `light` times as bright. Samples are gamma variates, so halves and variances are those of the frame's own noise.
+    `light` times as bright; `margin` pixels of the room lie around. Samples are gamma variates, so halves and variances
+    are those of the frame's own noise.
     """
     rng = np.random.default_rng([seed, height, width])
-    room = inputs.features(height + 2 * MARGIN, width + 2 * MARGIN, seed=4, noise=0.0)
-    top, left = MARGIN + move[1], MARGIN + move[0]
+    room = inputs.features(height + 2 * margin, width + 2 * margin, seed=4, noise=0.0)
+    top, left = margin + move[1], margin + move[0]
     scene = {name: plane[top : top + height, left : left + width] for name, plane in room.items()}
     scene["color"] = light * scene["color"]
     samples = {"color": scene["color"] * rng.gamma(2.0, 0.5, (spp, height, width, 1))}

@@ -14,7 +14,7 @@ import oracle
 import oracle_regression
 
 RADIUS, BLOCK, FARTHEST = 4, 8, 64
-MOST, STAY, BENT, SNAP = 8.0, 0.05, 0.1, 0.15
+MOST, STAY, BENT, SNAP, TIE = 8.0, 0.05, 0.1, 0.15, 1e-3
 TOLERANCE = {"albedo": 0.05**2, "normal": 0.1**2, "depth": 0.05**2}
 TAP, PIXEL, LIGHT, SPIKE, GAIN = (1.0, 4.0), (1.0, 3.0), (0.6, 2.0), (16, 36), (0.25, 0.5)
 
@@ -71,6 +71,25 @@ def match_costs(own: np.ndarray, other: np.ndarray, names: Sequence[str]) -> np.
     return costs
 
 
+def smoothed(of_blocks: np.ndarray) -> np.ndarray:
+    """(blocks down, blocks across, C): the sums of each and those around, weighted 1 2 1 both ways."""
+    down, across = of_blocks.shape[:2]
+    sums = np.zeros(of_blocks.shape)
+    for y, x in np.ndindex(down, across):
+        for j in range(max(y - 1, 0), min(y + 2, down)):
+            for i in range(max(x - 1, 0), min(x + 2, across)):
+                sums[y, x] += (1 + (j == y)) * (1 + (i == x)) * of_blocks[j, i]
+    return sums
+
+
+def offset_costs(costs: np.ndarray, height: int, width: int) -> np.ndarray:
+    """(blocks, 9, 9): the mean costs around each block, and of moving."""
+    pixels = [[min(8, n - 8 * i) for i in range(-(-n // 8))] for n in (height, width)]
+    means = smoothed(costs) / smoothed(np.outer(*pixels)[..., None].astype(float))
+    span = np.arange(-RADIUS, RADIUS + 1)
+    return means.reshape(-1, span.size, span.size) + STAY * np.hypot(span[:, None], span)
+
+
 def find_motion(costs: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     """(blocks down, blocks across, 2): to the right and down; and how near the choice was to another.
 
@@ -79,17 +98,7 @@ def find_motion(costs: np.ndarray, height: int, width: int) -> tuple[np.ndarray,
     down, across = costs.shape[:2]
     side = 2 * RADIUS + 1
     motion, margin = np.zeros((down, across, 2)), np.zeros((down, across))
-    pixels = [[min(8, n - 8 * i) for i in range(-(-n // 8))] for n in (height, width)]
-    for y, x in np.ndindex(down, across):
-        sums, weights = np.zeros(side * side), 0.0
-        for j in range(max(y - 1, 0), min(y + 2, down)):
-            for i in range(max(x - 1, 0), min(x + 2, across)):
-                weight = (1 + (j == y)) * (1 + (i == x))
-                sums += weight * costs[j, i]
-                weights += weight * pixels[0][j] * pixels[1][i]
-        cost = (sums / weights).reshape(side, side)
-        span = np.arange(-RADIUS, RADIUS + 1)
-        cost = cost + STAY * np.hypot(span[:, None], span)
+    for (y, x), cost in zip(np.ndindex(down, across), offset_costs(costs, height, width), strict=True):
         best = cost.min()
         second = min(cost[cost > best + 1e-12], default=np.inf)
         v, u = np.unravel_index(cost.argmin(), cost.shape)
@@ -102,6 +111,30 @@ def find_motion(costs: np.ndarray, height: int, width: int) -> tuple[np.ndarray,
                 margin[y, x] = min(margin[y, x], abs(abs(part) - SNAP))
             motion[y, x, axis] = at - RADIUS + (part if abs(part) >= SNAP else 0)
     return motion, margin
+
+
+def choose_motion(
+    own: np.ndarray, other: np.ndarray, names: Sequence[str], given: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motion (H, W, 2): `given`, or what is found in the blocks where that costs less; and by how much, of blocks."""
+    height, width = own.shape[:2]
+    costs = match_costs(own, other, names)
+    found, _ = find_motion(costs, height, width)
+    taps = taps_of(given, height, width)
+    nearest = taps.weight.argmax(-1)[..., None]
+    ys, xs = (np.take_along_axis(index, nearest, -1)[..., 0] for index in (taps.y, taps.x))
+    counts = (taps.weight.max(-1) > 0).astype(float)
+    each = counts * np.minimum(mismatch(own, other[ys, xs], names), MOST)
+    sums, counts = (
+        smoothed(
+            np.stack([[image[y : y + 8, x : x + 8].sum() for x in range(0, width, 8)] for y in range(0, height, 8)])
+        )
+        for image in (each, counts)
+    )
+    least = offset_costs(costs, height, width).min((1, 2)).reshape(found.shape[:2])
+    margin = sums - (least + TIE) * counts
+    chosen = (margin <= 0).repeat(BLOCK, 0).repeat(BLOCK, 1)[:height, :width, None]
+    return np.where(chosen, given, found.repeat(BLOCK, 0).repeat(BLOCK, 1)[:height, :width]), margin
 
 
 @dataclass(frozen=True)
@@ -231,9 +264,10 @@ def merge(
     sums = {name: np.where(plane < 0, np.nan, plane) if "variance" in name else plane for name, plane in sums.items()}
     for neighbour in neighbours:
         _, other, other_light, factor = look(neighbour, exposure)
-        motion = neighbour.get("motion")
-        if motion is None:
+        if (given := neighbour.get("motion")) is None:
             motion, _ = find_motion(match_costs(own, other, features), *total.shape)
+        else:
+            motion, _ = choose_motion(own, other, features, given)
         guessed = not {"color_variance", "color_a"} & set(frame)
         weights = weigh(own, other, light, other_light, motion, features, guessed)
         total = total + weights.sum(-1)

@@ -8,7 +8,7 @@ import pytest
 
 from mcdenoise_cl.device import context_for
 from mcdenoise_cl.errors import FrameError, McdenoiseError
-from mcdenoise_cl.frame import DTYPES, PLANES, SCALAR_PLANES, VECTOR_PLANES, Frame
+from mcdenoise_cl.frame import _BESIDE, DTYPES, PLANES, SCALAR_PLANES, VECTOR_PLANES, Frame
 
 H, W = 4, 6
 
@@ -57,7 +57,7 @@ def test_planes_come_in_a_fixed_order():
     given = all_planes()
     names = list(Frame(**dict(reversed(given.items()))).planes())
     assert names[:4] == ["color", "albedo", "normal", "depth"]
-    assert names == [field.name for field in dataclasses.fields(Frame) if field.name not in ("motion", "metadata")]
+    assert names == [field.name for field in dataclasses.fields(Frame) if field.name not in _BESIDE]
     assert sorted(names) == sorted(PLANES)
     assert list(Frame(given["color"], depth=given["depth"], albedo=given["albedo"]).planes()) == [
         "color",

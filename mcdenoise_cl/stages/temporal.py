@@ -78,11 +78,25 @@ def match_costs(engine: Engine, own: Look, other: Look) -> Planes:
 
 
 def find_motion(engine: Engine, own: Look, other: Look) -> Planes:
-    """How many pixels each block of 8x8 has moved from `own` to `other`: two planes, to the right and down."""
+    """How many pixels each block of 8x8 has moved from `own` to `other`, two planes, to the right and down; and how
+    much it differs there."""
     costs = match_costs(engine, own, other)
-    motion = engine.planes(2, costs.height, costs.width)
+    motion = engine.planes(3, costs.height, costs.width)
     size, arguments = (costs.width, costs.height), (costs, own.light.height, own.light.width, motion)
     engine.launch("motion", _kernel(engine, "find_motion", own), size, *arguments)
+    return motion
+
+
+def choose_motion(engine: Engine, own: Look, other: Look, given: Planes) -> Planes:
+    """Motion vectors, two planes of pixels, but in blocks where they cost more than what is found the latter."""
+    height, width = own.light.height, own.light.width
+    found = find_motion(engine, own, other)
+    costs = engine.planes(2, found.height, found.width)
+    arguments = own.guide, other.guide, given, height, width, costs
+    engine.launch("motion", _kernel(engine, "vector_costs", own), (found.width, found.height), *arguments)
+    motion = engine.planes(2, height, width)
+    arguments = found, costs, given, height, width, motion
+    engine.launch("motion", _kernel(engine, "choose_motion", own), (width, height), *arguments)
     return motion
 
 
