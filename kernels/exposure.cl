@@ -1,21 +1,42 @@
 /* Exposure and the tonemapped domain in which colours are compared.
  *
  * Automatic exposure = key / (geometric mean of the luminance over pixels that are not black), so that scaling
- * a frame scales its exposure by the inverse. One work-item sums a row; one work-group adds the rows in a fixed
- * order, so that the same frame gives the same bits.
+ * a frame scales its exposure by the inverse. One work-item sums a row; others add the rows in a fixed order, so that
+ * the same frame gives the same bits.
+ *
+ * Black is 0, and what some renderers write for it: a tiny number, which would draw the mean down to nothing. Sums and
+ * counts of each BIN_OCTAVES of luminance tell what lies too far below the level that the brightest LIT_PART reach.
+ * Where nothing does, the mean is that of the plain sum.
  */
 #include "common.h"
 #include "fast_math.h"
 
-/* Rows that follow row `first` of the frame. */
+/* A bin is a number's bits without the last BIN_BITS: 23 of the fraction and 3 of the exponent, so 8 octaves. */
+#define BIN_BITS 26
+#define BINS 32
+/* Columns of sums and of counts: the bins, and everything. */
+enum { EVERYTHING = BINS, COLUMNS_OF_BINS };
+
+/* Kahan's sum: `lost` is what rounding has added too much. */
+inline void add_to(float *sum, float *lost, float value)
+{
+    const float term = value - *lost;
+    const float next = *sum + term;
+    *lost = (next - *sum) - term;
+    *sum = next;
+}
+
+/* Rows that follow row `first` of the frame; COLUMNS_OF_BINS sums and counts each. */
 kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, int first, global float *restrict row_sum,
                                global int *restrict row_count)
 {
     const int y = get_global_id(0);
     if (y >= height)
         return;
-    float sum = 0.f, lost = 0.f;
-    int count = 0;
+    float sum[COLUMNS_OF_BINS], lost[COLUMNS_OF_BINS];
+    int count[COLUMNS_OF_BINS];
+    for (int k = 0; k < COLUMNS_OF_BINS; k++)
+        sum[k] = lost[k] = 0.f, count[k] = 0;
     for (int x = 0; x < width; x += WIDTH) {
         float l[WIDTH], logarithm[WIDTH];
         const vec v = luminance(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x), VECTOR_AT(color, 2, y, x));
@@ -23,31 +44,60 @@ kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, int f
         STORE(log(v), logarithm);
         for (int i = 0; i < WIDTH && x + i < width; i++)
             if (l[i] > 0.f) {
-                const float term = logarithm[i] - lost;
-                const float next = sum + term;
-                lost = (next - sum) - term;
-                sum = next;
-                count++;
+                const int bin = as_int(l[i]) >> BIN_BITS;
+                add_to(&sum[bin], &lost[bin], logarithm[i]);
+                add_to(&sum[EVERYTHING], &lost[EVERYTHING], logarithm[i]);
+                count[bin]++;
+                count[EVERYTHING]++;
             }
     }
-    row_sum[first + y] = sum;
-    row_count[first + y] = count;
+    for (int k = 0; k < COLUMNS_OF_BINS; k++) {
+        row_sum[(first + y) * COLUMNS_OF_BINS + k] = sum[k];
+        row_count[(first + y) * COLUMNS_OF_BINS + k] = count[k];
+    }
+}
+
+/* A work-item a column. */
+kernel void add_rows(global const float *restrict row_sum, global const int *restrict row_count, int height,
+                     global float *restrict sums, global int *restrict counts)
+{
+    const int k = get_global_id(0);
+    if (k >= COLUMNS_OF_BINS)
+        return;
+    float sum = 0.f, lost = 0.f;
+    int count = 0;
+    for (int y = 0; y < height; y++) {
+        add_to(&sum, &lost, row_sum[y * COLUMNS_OF_BINS + k]);
+        count += row_count[y * COLUMNS_OF_BINS + k];
+    }
+    sums[k] = sum;
+    counts[k] = count;
 }
 
 /* Of a frame with next to no light, whose factor would be infinite. */
 #define MOST_EXPOSURE 1e30f
 
-kernel void exposure_from_rows(global const float *restrict row_sum, global const int *restrict row_count,
-                               int height, float key, global float *restrict exposure)
+/* One in so many pixels above 0 has to reach a level, and more than FEW, for what is far below it to be black: a few
+ * fireflies and a small sun do not make the rest of the frame black. */
+#define LIT_PART 100
+#define FEW 15
+
+/* range: bins below the level that count. */
+kernel void exposure_from_bins(global const float *restrict sums, global const int *restrict counts, float key,
+                               int range, global float *restrict exposure)
 {
-    float sum = 0.f, lost = 0.f;
-    int count = 0;
-    for (int y = 0; y < height; y++) {
-        const float term = row_sum[y] - lost;
-        const float next = sum + term;
-        lost = (next - sum) - term;
-        sum = next;
-        count += row_count[y];
+    float sum = sums[EVERYTHING];
+    int count = counts[EVERYTHING], level = BINS - 1;
+    for (int reached = counts[level]; level > 0 && reached <= max(count / LIT_PART, FEW); reached += counts[level])
+        level--;
+    int black = 0;
+    for (int k = 0; k < level - range; k++)
+        black += counts[k];
+    if (black > 0) {
+        count -= black;
+        sum = 0.f;
+        for (int k = max(level - range, 0); k < BINS; k++)
+            sum += sums[k];
     }
     exposure[0] = count > 0 ? smaller(key / exp(sum / count), MOST_EXPOSURE) : 1.f;
 }

@@ -4,7 +4,8 @@
  * Of a pixel y = x + n, n of variance V, and a filtered one f that kept the part t of n: among the mixes y + a (f - y),
  * a = V (1 - t) / E (f - y)^2 has the least error, 1 where f lies as far off as its noise tells, and less where f is
  * wrong. Each channel has its own a, as a dark one has little say in a choice made by luminance. Means are over blocks
- * of 8x8 pixels and the eight around, relative to the brightness, as a light is no reason to change the wall beside it.
+ * of 8x8 pixels and the eight around, relative to the brightness, as a light is no reason to change the wall beside it;
+ * to that of the brighter frame, as one pixel that the filter took for the light must not speak for a block.
  */
 #include "luminance.h"
 
@@ -66,7 +67,7 @@ kernel void block_means(CONST_PLANES(filtered), CONST_PLANES(input), CONST_PLANE
         }
         const float8 d = vload8(0, input + INDEX(input, 3, y, left));
         const float8 of_filtered = vload8(0, filtered + INDEX(filtered, 3, y, left));
-        const float8 scaled = d / (light * light + LEAST_LUMINANCE2);
+        const float8 scaled = d / (fmax(light * light, new_light * new_light) + LEAST_LUMINANCE2);
         kept += select((float8)(0.f), scaled * of_filtered, inside);
         own += select((float8)(0.f), scaled * d, inside);
     }

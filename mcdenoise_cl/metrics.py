@@ -96,8 +96,10 @@ def frame_exposure(frame: Frame) -> float:
 def auto_exposure(image: Any) -> float:
     """The factor that brings an image's geometric mean luminance to middle grey, 0.18.
 
-    Only pixels with a finite luminance above 0 count; an image without any gives 1. The log-average is that of
-    Reinhard et al., "Photographic Tone Reproduction for Digital Images", SIGGRAPH 2002, equations 1 and 2.
+    Only pixels with a finite luminance above 0 count, and of those none so dark that it stands for black: more than
+    24 to 32 octaves below the brightest 1 %, as in `mcdenoise_cl.stages.exposure`. An image without any gives 1. The
+    log-average is that of Reinhard et al., "Photographic Tone Reproduction for Digital Images", SIGGRAPH 2002,
+    equations 1 and 2.
 
     Example:
         >>> round(auto_exposure(np.full((4, 4, 3), 0.09)), 6)
@@ -105,6 +107,10 @@ def auto_exposure(image: Any) -> float:
     """
     luminance = _pixels("image", image, finite=False) @ LUMINANCE
     lit = luminance[np.isfinite(luminance) & (luminance > 0)]
+    bins = np.maximum(np.frexp(lit)[1] + 126, 0) // 8  # as in kernels/exposure.cl
+    rank = lit.size - 1 - max(lit.size // 100, 15)
+    if rank >= 0:
+        lit = lit[bins >= np.partition(bins, rank)[rank] - 3]
     return float(0.18 / np.exp(np.mean(np.log(lit)))) if lit.size else 1.0
 
 

@@ -97,13 +97,22 @@ def srgb_encode(x: np.ndarray) -> np.ndarray:
 
 
 def auto_exposure(color: np.ndarray, key: float = 0.18) -> float:
-    """key / log-average luminance over the finite pixels with luminance above zero; 1 if there are none."""
+    """key / log-average luminance over the finite pixels that are not black; 1 if there are none.
+
+    Bins are of 8 octaves, from 2^-127 on. A pixel is black at zero, below it, and more than three bins below the
+    lowest of the brightest hundredth of the others, which are sixteen at least.
+    """
     with np.errstate(invalid="ignore"):
         lum = luminance(color)
-    positive = np.isfinite(lum) & (lum > 0.0)
-    if not positive.any():
+    positive = lum[np.isfinite(lum) & (lum > 0.0)]
+    if not positive.size:
         return 1.0
-    return float(key / np.exp(np.mean(np.log(lum[positive]))))
+    bins = np.floor((np.log2(positive) + 127) / 8)
+    brightest = np.sort(bins)[::-1]
+    rank = max(positive.size // 100, 15)
+    if rank < positive.size:
+        positive = positive[bins >= brightest[rank] - 3]
+    return float(key / np.exp(np.mean(np.log(positive))))
 
 
 def tonemap(color: np.ndarray, exposure: float, curve: str = "clip") -> np.ndarray:

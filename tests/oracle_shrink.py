@@ -62,12 +62,14 @@ def block_noise(frame: np.ndarray, variance: np.ndarray) -> np.ndarray:
 def block_shares(filtered: np.ndarray, frame: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """a = V (1 - t) / E (f - y)², less than 0.1 taken for 0 and the rest stretched to [0, 1], of each block and colour.
 
-    V from `block_noise`; (f - y)² over the larger `relative_to` of the two frames; t = E d_f d_y / E d_y² in [0, 1], d
-    over Y² + 1e-3: the part of its input's noise that the filtered frame has; means from `around`.
+    V from `block_noise`; (f - y)² over the larger `relative_to` of the two frames; t = E d_f d_y / E d_y² in [0, 1],
+    pixels over the larger Y² + 1e-3 of the two: the part of its input's noise that the filtered frame has; means from
+    `around`.
     """
     filtered, frame = np.asarray(filtered, dtype=np.float64), np.asarray(frame, dtype=np.float64)
     change = (filtered - frame)[..., :3] ** 2 / np.maximum(relative_to(filtered), relative_to(frame))
-    half = frame[..., 3:] / (luminance(frame[..., :3])[..., None] ** 2 + 1e-3)
+    brighter = np.maximum(luminance(filtered[..., :3]) ** 2, luminance(frame[..., :3]) ** 2)
+    half = frame[..., 3:] / (brighter[..., None] + 1e-3)
     kept = around(block_mean(half * filtered[..., 3:])) / (around(block_mean(half * frame[..., 3:])) + 1e-30)
     best = block_noise(frame, variance) * (1 - np.clip(kept, 0, 1)) / (around(block_mean(change)) + 1e-30)
     return np.clip((best - 0.1) / 0.9, 0, 1)

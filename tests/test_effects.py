@@ -109,6 +109,18 @@ def test_a_sun_sheds_no_light_on_what_is_beside_it(method, known, sunlit):
     assert out[inside].mean() > least * reference.color[inside].mean()
 
 
+@pytest.mark.parametrize("left_out", [(), ("color_a", "color_b")], ids=["all", "variances"])
+def test_beside_a_sun_the_mix_is_as_good_as_the_regression(sunlit, left_out):
+    """A few pixels that the sun touches bring no noise back around them."""
+    frame, reference = sunlit
+    frame = Frame(**{name: plane for name, plane in frame.planes().items() if name not in left_out})
+    mask = scenes.beside_the_sun(reference)
+    mixed, alone = (
+        errors(denoise(frame, method=method), frame, reference, mask)[0] for method in ("auto", "regression")
+    )
+    assert mixed < 2 * alone
+
+
 def test_half_floats_that_overflow(sunlit):
     """Infinity counts as missing: the result is finite, and what lies around is as with 32 bits."""
     frame, reference = sunlit

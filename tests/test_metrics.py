@@ -3,6 +3,7 @@ import subprocess
 import sys
 
 import numpy as np
+import oracle
 import pyopencl as cl
 import pyopencl.array as cl_array
 import pytest
@@ -169,6 +170,14 @@ def test_exposure_is_automatic_without_metadata(pair):
     expected = 0.18 / math.prod(luminance[luminance > 0] ** (1 / np.count_nonzero(luminance > 0)))
     assert metrics.auto_exposure(pair[1]) == pytest.approx(expected)
     assert metrics.compare(pair[0], Frame(pair[1])).mse == pytest.approx(metrics.mse(*pair, expected))
+
+
+@pytest.mark.parametrize("dark", [1e-30, 1e-12, 1e-6, 0.0])
+def test_automatic_exposure_takes_a_tiny_background_for_black(dark):
+    image = np.random.default_rng(0).lognormal(0.0, 1.0, (40, 50, 3))
+    image[:, 20:] = dark
+    assert metrics.auto_exposure(image) == pytest.approx(oracle.auto_exposure(image))
+    assert (metrics.auto_exposure(image) < 1) == (dark != 1e-6)
 
 
 def test_automatic_exposure_skips_what_has_no_logarithm():

@@ -127,7 +127,7 @@ def test_luminance_and_srgb_curve_invert_skimages_conversion_to_xyz():
 
 def test_auto_exposure_puts_the_geometric_mean_at_the_key():
     color = planes("hdr", 13, 17, 3).astype(np.float64)
-    color[0, 1] = 1e-20
+    color[0, 1] = 1e-6
     color[2, 3] = 0.0
     color[4, 5] = -1.0
     color[6, 7] = np.inf
@@ -138,6 +138,20 @@ def test_auto_exposure_puts_the_geometric_mean_at_the_key():
     assert oracle.auto_exposure(color) == pytest.approx(0.18 / scipy.stats.gmean(usable))
     assert oracle.auto_exposure(color, key=0.5) == pytest.approx(0.5 / scipy.stats.gmean(usable))
     assert oracle.auto_exposure(np.zeros((3, 2, 3))) == 1.0
+
+
+def test_auto_exposure_takes_a_tiny_background_for_black():
+    """24 octaves below the brightest still count, 33 do not; a few bright pixels make nothing black."""
+    color = np.full((20, 30, 3), 1.5)
+    for octaves, is_black in ((24, False), (33, True), (90, True)):
+        color[:10] = 1.5 * 2.0**-octaves
+        expected = 0.18 / 1.5 * (1.0 if is_black else 2.0 ** (octaves / 2))
+        assert oracle.auto_exposure(color) == pytest.approx(expected)
+    color[:] = 1e-12
+    color[0, :15] = 1.0
+    assert oracle.auto_exposure(color) == pytest.approx(0.18 / 1e-12 ** (585 / 600))
+    color[0, 15] = 1.0
+    assert oracle.auto_exposure(color) == pytest.approx(0.18)
 
 
 def test_tonemap_clips_and_inverts():

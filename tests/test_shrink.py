@@ -184,6 +184,18 @@ def test_noise_of_the_next_block_explains_a_change_and_that_of_the_one_after_doe
     assert ((share[:, 12:20] > 0) & (share[:, 12:20] < 1)).all()
 
 
+@pytest.mark.parametrize("light", [1e3, 1e6])
+def test_a_pixel_taken_for_the_light_beside_it_does_not_bring_the_noise_of_its_block_back(engine, light):
+    """A filter that is right but for one dark pixel, which it made bright and noisy: that says nothing of the rest."""
+    truth = np.full((48, 48, 3), 0.3)
+    frame, variance = noisy(truth, 0.5 * truth)
+    clean = np.concatenate([truth, np.zeros((48, 48, 1))], axis=-1).astype(np.float32)
+    clean[20, 20] = light * np.float32([1, 1, 1, np.sign(frame[20, 20, 3])])
+    got, share = shrunk(engine, clean, frame, variance)
+    np.testing.assert_array_equal(got, clean)
+    np.testing.assert_array_equal(share, 0)
+
+
 def test_where_few_samples_have_found_the_light_the_noise_is_theirs(engine):
     """One pixel in eight of eight times the truth, the rest black and, as it seems, exact: the mean is right."""
     rng = np.random.default_rng(5)

@@ -110,6 +110,31 @@ def test_exposure_of_a_black_frame_is_one(engine):
     assert scalars(engine, exposure.auto_exposure(engine, to_planes(engine, np.zeros((5, 6, 3)))))[0] == 1.0
 
 
+@pytest.mark.parametrize("dark", [1e-38, 1e-30, 1e-12, 1e-6])
+@pytest.mark.parametrize("lit", [15, 16, 300, 1170, 2340])
+def test_exposure_takes_a_tiny_background_for_black(engine, dark, lit):
+    """So many of 2340 pixels have light. The exposure is that of a black background to the last bits, or none is
+    black; in bands it is the same."""
+    image = inputs.planes("uniform", 36, 65, 3) + np.float32(0.5)
+    image.reshape(-1, 3)[np.random.default_rng(1).permutation(2340)[lit:]] = dark
+    black = np.where(image == np.float32(dark), 0, image)
+    planes = to_planes(engine, image)
+    factor = scalars(engine, exposure.auto_exposure(engine, planes))[0]
+    assert factor == pytest.approx(min(oracle.auto_exposure(image), 1e30), rel=1e-5)
+    if lit >= 300 and dark < 1e-9:
+        assert factor == pytest.approx(oracle.auto_exposure(black), rel=1e-6)
+    bands = [(to_planes(engine, image[start:stop]), start) for start, stop in ((0, 7), (7, 8), (8, 36))]
+    assert scalars(engine, exposure.exposure_of_bands(engine, bands, 36))[0] == factor
+
+
+def test_all_of_a_depth_counts(engine):
+    """A sky at 1e30 is no reason to take what is near for nothing."""
+    depth = np.full((8, 16), 4.0, np.float32)
+    depth[:, 8:] = 1e30
+    scale = exposure.inverse_geometric_mean(engine, to_planes(engine, depth))
+    assert scalars(engine, scale)[0] == pytest.approx(1 / np.sqrt(4e30), rel=1e-5)
+
+
 @pytest.mark.parametrize("image", CASES)
 def test_noise_level(engine, image):
     measured = scalars(engine, noise.noise_level(engine, to_planes(engine, image)))[0]

@@ -11,26 +11,42 @@ from ..engine import Engine, Planes
 
 #: Middle grey: what the log-average luminance is mapped to.
 KEY = 0.18
+#: Bins of 8 octaves of luminance; each has a column of sums and counts, as has everything (exposure.cl).
+BINS = 32
+COLUMNS = BINS + 1
+#: A pixel more bins than this below the brightest ones is black: 24 to 32 octaves, 2e7 to 4e9 times as dark.
+RANGE = 3
 #: Names of the curves, in the order of exposure.cl.
 CURVES = ("clip", "reinhard")
 
 
 def auto_exposure(engine: Engine, color: Planes, key: float = KEY) -> cl.MemoryObjectHolder:
-    """key / (geometric mean of the luminance over pixels above 0): one float on the device; 1 for a black frame."""
+    """key / (geometric mean of the luminance over pixels that are not black): one float on the device.
+
+    Black is what is not above 0, or more than 24 to 32 octaves below the level that the brightest 1 % of the others
+    reach. 1 for a black frame.
+    """
     return exposure_of_bands(engine, [(color, 0)], color.height, key)
 
 
 def exposure_of_bands(
-    engine: Engine, bands: Iterable[tuple[Planes, int]], height: int, key: float = KEY
+    engine: Engine, bands: Iterable[tuple[Planes, int]], height: int, key: float = KEY, bins: int = RANGE
 ) -> cl.MemoryObjectHolder:
-    """`auto_exposure` of a frame of `height` rows that comes in bands: planes, and the row where they begin."""
-    sums, counts, out = engine.memory(4 * height), engine.memory(4 * height), engine.memory(4)
+    """`auto_exposure` of a frame of `height` rows that comes in bands: planes, and the row where they begin.
+
+    Args:
+        bins: of 8 octaves each, that count below the one of the brightest 1 %.
+    """
+    row_sums, row_counts = engine.memory(4 * COLUMNS * height), engine.memory(4 * COLUMNS * height)
+    sums, counts, out = engine.memory(4 * COLUMNS), engine.memory(4 * COLUMNS), engine.memory(4)
     rows = engine.kernel("exposure.cl", "log_luminance_rows")
     for color, first in bands:
         size = color.height, color.width
-        engine.launch("exposure", rows, size[:1], color, *size, first, sums, counts, single=True)
-    join = engine.kernel("exposure.cl", "exposure_from_rows")
-    engine.launch("exposure", join, (1,), sums, counts, height, float(key), out, single=True)
+        engine.launch("exposure", rows, size[:1], color, *size, first, row_sums, row_counts, single=True)
+    add = engine.kernel("exposure.cl", "add_rows")
+    engine.launch("exposure", add, (COLUMNS,), row_sums, row_counts, height, sums, counts, single=True)
+    mean = engine.kernel("exposure.cl", "exposure_from_bins")
+    engine.launch("exposure", mean, (1,), sums, counts, float(key), bins, out, single=True)
     return out
 
 
@@ -44,7 +60,7 @@ def inverse_geometric_mean_of_bands(
 ) -> cl.MemoryObjectHolder:
     """`inverse_geometric_mean` of a plane that comes in bands."""
     grey = ((replace(plane, channels=1, plane=0), first) for plane, first in bands)
-    return exposure_of_bands(engine, grey, height, 1.0)
+    return exposure_of_bands(engine, grey, height, 1.0, bins=BINS)
 
 
 def tonemap(engine: Engine, color: Planes, exposure: cl.MemoryObjectHolder, curve: str = "clip") -> Planes:
