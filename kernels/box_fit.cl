@@ -24,9 +24,12 @@ inline vec relative_weight(vec light, float relative)
 /* Every BLOCK-th value of a row of n, WIDTH of them from x on; past the end the last one again. */
 inline vec every(global const float *row, int x, int n)
 {
-#if BLOCK == 2 && WIDTH > 1
-    if (x + 2 * WIDTH <= n)
-        return (vec)(LOAD(row + x).even, LOAD(row + x + WIDTH).even);
+#if BLOCK == 2 && WIDTH == 4
+    if (x + 8 <= n)
+        return vload8(0, row + x).even;
+#elif BLOCK == 2 && WIDTH == 8
+    if (x + 16 <= n)
+        return (float8)(vload8(0, row + x).even, vload8(0, row + x + 8).even);
 #endif
     float line[WIDTH];
     for (int i = 0; i < WIDTH; i++)

@@ -92,8 +92,9 @@ inline void next_window(CONST_PLANES(group), int first, int i, int x, int height
     next_window(group, group_origin, group_row, group_plane, first, i, x, height, ends, &beginning, window)
 
 /* `count` planes of `rows` rows of WIDTH values become pieces of columns; `stride` vectors lie between rows. Plane by plane,
- * as a row of memory is written to then but once. */
-INLINE void store_transposed(const vec *values, int stride, int count, int rows, PLANES(out), int y, int x, int width)
+ * as a row of memory is written to then but once. (Not INLINE: inlined, `restrict` becomes an intrinsic that some
+ * simulators lack.) */
+inline void store_transposed(const vec *values, int stride, int count, int rows, PLANES(out), int y, int x, int width)
 {
     const float *value = (const float *)values;
     for (int p = 0; p < count; p++)
