@@ -48,6 +48,17 @@ inline float gain_of(float4 here)
     return 1.f + 0.5f * mean / larger(larger(here.w, mean), 1e-9f);
 }
 
+/* The two rows of blocks, of those up to `bottom`, between which a row of pixels lies, and how far from the first. */
+inline float between_rows(int y, int bottom, int *top, int *next)
+{
+    int before;
+    const float down = between_blocks(y % SCALE, &before);
+    const int row = y / SCALE - before;
+    *top = max(row, 0);
+    *next = min(row + 1, bottom);
+    return down;
+}
+
 /* A work-item takes SCALE pixels of a row. The image is rows `first` to `first + rows` of a frame of `height`. */
 kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(bright), int height, int width, int first,
                       int rows, PLANES(out))
@@ -56,10 +67,8 @@ kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(b
     const int last = (width - 1) / SCALE, bottom = (height - 1) / SCALE;
     if (bx > last || y >= rows)
         return;
-    int before;
-    const float down = between_blocks((first + y) % SCALE, &before);
-    const int row = (first + y) / SCALE - before;
-    const int top = max(row, 0), next = min(row + 1, bottom);
+    int before, top, next;
+    const float down = between_rows(first + y, bottom, &top, &next);
     float4 blocks[3]; /* left, own, right */
     for (int i = 0; i < 3; i++) {
         const int x = clamp(bx + i - 1, 0, last);
@@ -88,10 +97,8 @@ kernel void give_back_also(CONST_PLANES(image), CONST_PLANES(own), CONST_PLANES(
     const int last = (width - 1) / SCALE, bottom = (height - 1) / SCALE;
     if (bx > last || y >= rows)
         return;
-    int before;
-    const float down = between_blocks((first + y) % SCALE, &before);
-    const int row = (first + y) / SCALE - before;
-    const int top = max(row, 0), next = min(row + 1, bottom);
+    int before, top, next;
+    const float down = between_rows(first + y, bottom, &top, &next);
     float4 blocks[3];
     float3 owns[3];
     for (int i = 0; i < 3; i++) {

@@ -150,16 +150,19 @@ def test_the_same_room_again_takes_noise_away(engine, names, move):
         assert 0.6 < halves / squares < 1.5
 
 
-@by_names
+GUESSED = pytest.mark.xfail(
+    strict=True, reason="corners count as noise where that is guessed, and let some light through"
+)
+
+
+@pytest.mark.parametrize("names", [names if names else pytest.param(names, marks=GUESSED) for names in SETS])
 def test_a_light_that_is_switched_on_is_not_merged(engine, names):
     frame, truth = planes_at(48, 64)
     for light in (0.2, 4.0):
         neighbour = some(planes_at(48, 64, seed=1, light=light)[0], names)
         found, mean = merged(engine, some(frame, names), [neighbour])
         assert mean < 1.1
-        # With nothing but the colour, corners count as noise, and some of them let a little of the change through.
-        most = 1.1 if names else 1.5
-        assert error(found["color"], truth) < most * error(frame["color"], truth)
+        assert error(found["color"], truth) < 1.1 * error(frame["color"], truth)
 
 
 def test_a_cut_is_not_merged(engine):
