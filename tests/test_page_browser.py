@@ -138,6 +138,7 @@ def test_exposure_acts_on_light(opened, made):
         assert np.abs(got - [expected[y, x] for x, y in spots]).max() <= 1
         assert page.inner_text("#stops") == f"{'+' * (stops > 0)}{stops} stops".replace("-", "−")
     page.click("#unexposed")
+    settle(page)
     assert page.input_value("#exposure") == "0"
 
 
