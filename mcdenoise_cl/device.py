@@ -10,6 +10,7 @@ import shutil
 import threading
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, field
+from functools import cache
 
 import pyopencl as cl
 
@@ -157,8 +158,23 @@ def shapes(device: cl.Device) -> list[Shape]:
     if schedule == "group":
         return [Shape("group", width=1, tile=(1, 4), deep=(1, 1), group=group) for group in groups]
     width = max(4, min(16, device.native_vector_width_float))
+    if width == 16 and "PoCL" in device.version and not _compiles_for_avx512(device):
+        width = 8
     tiles, deep = ((64, 16), (32, 16), (64, 8), (32, 8)), ((32, 8), (16, 8), (32, 4))
     return [Shape("tile", width, tile, each, groups[0]) for tile in tiles for each in deep]
+
+
+@cache
+def _compiles_for_avx512(device: cl.Device) -> bool:
+    """Whether PoCL's compiler knows all of the processor: an older LLVM takes a newer processor for an older one.
+
+    It has no registers then for the 16 floats that PoCL promises, and ends the process at some kernels that ask for
+    them.
+    """
+    source = "#ifdef __AVX512F__\nkernel void wide() {}\n#else\nkernel void narrow() {}\n#endif"
+    pocl_cache.mend()
+    program = cl.Program(context_for(device), source).build(cache_dir=False)
+    return "wide" in program.kernel_names
 
 
 def shape_as_text(shape: Shape) -> str:

@@ -4,11 +4,12 @@ import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pyopencl as cl
 import pytest
 
-from mcdenoise_cl import DeviceError, choose, measured
+from mcdenoise_cl import DeviceError, choose, device, measured
 from mcdenoise_cl.choose import pick_device
 from mcdenoise_cl.device import SCHEDULES, DeviceInfo, context_for, list_devices, shape_for
 from mcdenoise_cl.engine import Engine
@@ -119,3 +120,23 @@ def test_pocl_without_a_linker_is_an_error_and_not_an_abort(tmp_path):
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "apt-get install gcc libc6-dev" in done.stderr.strip().splitlines()[-1]
+
+
+@pytest.mark.parametrize(("known", "width"), [(True, 16), (False, 8)])
+def test_vectors_of_16_only_where_the_compiler_of_pocl_has_registers_for_them(known, width, monkeypatch):
+    monkeypatch.setattr(device, "_compiles_for_avx512", lambda _: known)
+    monkeypatch.setenv("MCDENOISE_SCHEDULE", "tile")
+    wide = SimpleNamespace(
+        type=cl.device_type.CPU,
+        platform=SimpleNamespace(name="Portable Computing Language"),
+        version="OpenCL 3.0 PoCL",
+        native_vector_width_float=16,
+        max_work_group_size=4096,
+    )
+    assert {shape.width for shape in device.shapes(wide)} == {width}
+
+
+def test_vectors_are_no_wider_than_the_device_says():
+    for info in list_devices():
+        native = info.device.native_vector_width_float
+        assert all(shape.width <= max(4, native) for shape in device.shapes(info.device))
