@@ -141,7 +141,8 @@ def main() -> None:
     names = ", ".join(f"{device.name.strip()} ({device.platform.name.strip()})" for device in devices)
     print(f"{options.frames} frames of {width} x {height}, {recipe.method}, on {names}; {cores} cores, of which")
     print(f"busy threads got {given:.2f} before and after the whole (fewer where the machine has other work)")
-    print(f"{helpers()} reading, {helpers()} writing beside the device\n")
+    reading, writing = helpers()
+    print(f"{reading} reading, {writing} writing beside the device\n")
     print("| part | ms a frame | ms of CPU a frame |\n|:---|---:|---:|")
     for name, taken in {**parts, "whole": whole}.items():
         print(f"| {name} | {1e3 * taken.wall:.0f} | {1e3 * taken.cpu:.0f} |")

@@ -34,10 +34,14 @@ class _Item:
     seconds: dict[str, float] = field(default_factory=dict)
 
 
-def helpers() -> int:
-    """How many threads read, and how many write: OpenEXR lets others run meanwhile, and packs on one core each."""
+def helpers() -> tuple[int, int]:
+    """How many threads read, and how many write: OpenEXR lets others run meanwhile, and works on one core each.
+
+    Packing a frame takes longer than unpacking it, and often longer than denoising it, so two write even where there
+    are but two cores: what waits for the one is done by the other.
+    """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(4, cores // 4))
+    return max(1, min(4, cores // 4)), max(min(2, cores), min(4, cores // 4))
 
 
 def run_jobs(
@@ -87,16 +91,16 @@ class _Line:
         self.results: queue.SimpleQueue[tuple[int, Outcome]] = queue.SimpleQueue()
         self._jobs, self._recipe, self._overwrite = jobs, recipe, overwrite
         self._stopped = threading.Event()
-        count = helpers()
+        reading, writing = helpers()
         # A frame is being read or written by each helper, being denoised and waiting by each device.
-        self._room = threading.Semaphore(2 * count + 2 * len(devices))
+        self._room = threading.Semaphore(reading + writing + 2 * len(devices))
         self._crew = Crew(len(devices), len(jobs))
         self._reader = reader_for(recipe)
         if recipe.temporal:
             halves = 2 if any(job.halves for job in jobs) else 1
-            self._reader = _Kept(self._reader, halves * (2 * recipe.temporal + 1 + count))
-        self._reads = ThreadPoolExecutor(count, "mcdenoise-read")
-        self._writes = ThreadPoolExecutor(count, "mcdenoise-write")
+            self._reader = _Kept(self._reader, halves * (2 * recipe.temporal + 1 + reading))
+        self._reads = ThreadPoolExecutor(reading, "mcdenoise-read")
+        self._writes = ThreadPoolExecutor(writing, "mcdenoise-write")
         self._devices = [
             threading.Thread(target=self._serve, args=(number, device), name=f"mcdenoise-device-{number}")
             for number, device in enumerate(devices)

@@ -23,7 +23,8 @@ _writing: set[str] = set()
 def unfinished(final: Path) -> Iterator[Path]:
     """A new empty file beside the final one, which takes its name at the end, or is gone after a failure.
 
-    It is never made over an existing file, and has the permissions of any new file.
+    It is never made over an existing file, and has the permissions of any new file. It is on the disk before it takes
+    its name, so that a power cut leaves none cut short, and what a network's disk has no room for is an error here.
     """
     path = final.with_name(f".mcdenoise-{_space()}-{os.getpid()}-{secrets.token_hex(8)}.tmp")
     _writing.add(path.name)
@@ -31,12 +32,21 @@ def unfinished(final: Path) -> Iterator[Path]:
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         try:
             yield path
+            _put_on_disk(path)
             path.replace(final)
         except BaseException:
             path.unlink(missing_ok=True)
             raise
     finally:
         _writing.discard(path.name)
+
+
+def _put_on_disk(path: Path) -> None:
+    file = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
 
 
 def sweep(folder: str | os.PathLike[str]) -> None:

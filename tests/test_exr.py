@@ -1,5 +1,6 @@
 """EXR in and out, with files made here by the OpenEXR package, by Mitsuba, or byte by byte."""
 
+import errno
 import os
 import struct
 from fractions import Fraction
@@ -523,6 +524,17 @@ def test_a_full_disk_leaves_the_old_file(old):
             write_exr(old, noise((200, 200, 3)), compression="none")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_disk_that_tells_late_that_it_is_full_leaves_the_old_file(old, monkeypatch):
+    """As a disk on the network does: the writes went well, and nothing of them is there."""
+
+    def fail(_):
+        raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT))
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(ExrError, match=r"a.exr cannot be written \(Disk quota exceeded\)"):
+        write_exr(old, noise((H, W, 3)))
 
 
 @pytest.mark.parametrize(

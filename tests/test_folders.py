@@ -51,9 +51,14 @@ def expected(frames):
 
 def check(out, expected, but=()):
     """Every output is there but some, to the bit, and nothing else."""
-    assert sorted(path.name for path in out.iterdir()) == sorted(set(expected) - set(but))
-    for path in out.iterdir():
-        np.testing.assert_array_equal(read_exr(path).color, expected[path.name], err_msg=path.name)
+    names = sorted(set(expected) - set(but))
+    assert sorted(path.name for path in out.iterdir()) == names
+    check_some(out, expected, names)
+
+
+def check_some(out, expected, names):
+    for name in names:
+        np.testing.assert_array_equal(read_exr(out / name).color, expected[name], err_msg=name)
 
 
 def statuses(outcomes):
@@ -66,7 +71,7 @@ def test_as_frame_by_frame(folder, tmp_path, expected, monkeypatch):
     assert statuses(outcomes) == ["done"] * COUNT and [o.source.name for o in outcomes] == sorted(expected)
     assert all(set(o.seconds) == {"read", "denoise", "write"} and o.reason == "new" for o in outcomes)
     check(tmp_path / "out", expected)
-    assert kept() <= 2 * pipeline.helpers() + 2, "memory grows with the number of frames"
+    assert kept() <= sum(pipeline.helpers()) + 2, "memory grows with the number of frames"
 
 
 def threads_at_once(monkeypatch):
@@ -269,9 +274,12 @@ def test_killed_and_run_again(folder, tmp_path, expected, how):
     done = subprocess.run([sys.executable, "-c", KILLED, folder, out, how, "3"])
     assert done.returncode == -signal.SIGKILL
     left = sorted(path.name for path in out.iterdir())
-    assert len([name for name in left if name.endswith(".exr")]) == 2 and len(left) == 3, "a file under its name, half"
+    whole = [name for name in left if name.endswith(".exr")]
+    check_some(out, expected, whole)
+    assert 0 < len(whole) <= 2 and len(left) > len(whole), "of three begun, the last was under its name"
     outcomes = denoise_files(folder, out, **SMALL)
-    assert statuses(outcomes).count("skipped") == 2 and statuses(outcomes).count("done") == COUNT - 2
+    assert statuses(outcomes).count("skipped") == len(whole)
+    assert statuses(outcomes).count("done") == COUNT - len(whole)
     check(out, expected)
     assert {p.name: p.read_bytes() for p in out.iterdir()} == {p.name: p.read_bytes() for p in undisturbed.iterdir()}
 
