@@ -18,6 +18,10 @@ BLOCK_COLUMNS, BLOCK_ROWS = 32, 8
 #: likewise, with the third.
 LEAST_VARIANCE, LEAST_SIGNAL, LEAST_DIRECTION = 1e-8, 2.0, 0.5
 
+#: So is a component with less than this part of the variance of all. Where features say the same, or pixels are fewer
+#: than they, float32 leaves about a tenth of it.
+LEAST_PART = 1e-5
+
 
 @dataclass(frozen=True)
 class Terms:
@@ -56,7 +60,7 @@ def choose_terms(engine: Engine, features: Planes, noise: Planes, reach: int, ro
     padded = pad(engine, features, reach)
     rows = rows or Rows(0, height, 0, height)
     counted = rows.first - rows.start, rows.last - rows.start
-    numbers = height, width, reach, LEAST_VARIANCE, LEAST_SIGNAL, LEAST_DIRECTION, *counted
+    numbers = height, width, reach, LEAST_VARIANCE, LEAST_SIGNAL, LEAST_DIRECTION, LEAST_PART, *counted
     size = (across, down)
     engine.launch("terms", kernel, size, padded, noise, *numbers, blocks, used, single=True)
     block_rows = -(-counted[1] // BLOCK_ROWS) - -(-counted[0] // BLOCK_ROWS)
