@@ -79,10 +79,11 @@ inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int 
 
 /* For each block what terms.h says, of the block and `reach` pixels around. A feature is left out whose variance is not
  * above least_variance, or not above least_signal times that of its noise; then likewise a component, with
- * least_direction. used[a] counts the blocks that use feature a, of those in the rows counted. */
+ * least_direction, and where its variance is not above least_part of all: rounding leaves as much where features depend
+ * on each other. used[a] counts the blocks that use feature a, of those in the rows counted. */
 kernel void choose_terms(CONST_PLANES(feature), CONST_PLANES(noise), int height, int width, int reach,
-                         float least_variance, float least_signal, float least_direction, int counted_from,
-                         int counted_to, global float *restrict blocks, global int *restrict used)
+                         float least_variance, float least_signal, float least_direction, float least_part,
+                         int counted_from, int counted_to, global float *restrict blocks, global int *restrict used)
 {
     const int bx = get_global_id(0), by = get_global_id(1);
     const int x0 = bx * BLOCK_COLUMNS, y0 = by * BLOCK_ROWS;
@@ -98,6 +99,10 @@ kernel void choose_terms(CONST_PLANES(feature), CONST_PLANES(noise), int height,
             for (int b = 0; b < FEATURES; b++)
                 m[a][b] = m[b][a] = 0.f;
     }
+    float all = 0.f;
+    for (int a = 0; a < FEATURES; a++)
+        all += m[a][a];
+    const float least = max(least_variance, least_part * all);
     eigenvectors(m, v);
     global float *block = blocks + BLOCK_FLOATS * (by * get_global_size(0) + bx);
     int count = 0;
@@ -106,7 +111,7 @@ kernel void choose_terms(CONST_PLANES(feature), CONST_PLANES(noise), int height,
         float own = 0.f;
         for (int b = 0; b < FEATURES; b++)
             own += v[a][b] * v[a][b] * left[b];
-        if (m[a][a] <= least_variance || m[a][a] <= least_direction * own)
+        if (m[a][a] <= least || m[a][a] <= least_direction * own)
             continue;
         BLOCK_VARIANCE(block, count) = m[a][a];
         for (int b = 0; b < FEATURES; b++)

@@ -24,6 +24,9 @@ LEAST_SIGNAL = 2.0
 #: ... above this many times the variance of the noise along it.
 LEAST_DIRECTION = 0.5
 
+#: ... and this part of the variance of all features.
+LEAST_PART = 1e-6
+
 
 class Terms(NamedTuple):
     """For each pixel what its block uses: mean (H, W, F), used (H, W, F), variance (H, W, F), direction (H, W, F, F).
@@ -42,13 +45,14 @@ def components(covariance: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, n
     """Of C (F, F) and the mean noise (F,) of a block: features used (F,), variances (F,), directions (F, F).
 
     A feature is used where C_qq > 1e-8 and C_qq > 2 n_q; the rows and columns of the others become 0. With that
-    C = Σ λ_k v_k v_kᵀ, component k is used where λ_k > 1e-8 and λ_k > Σ_q v_kq² n_q / 2.
+    C = Σ λ_k v_k v_kᵀ, component k is used where λ_k > 1e-8, λ_k > 1e-6 Σ λ and λ_k > Σ_q v_kq² n_q / 2.
     """
     own = np.diag(covariance)
     used = (own > LEAST_VARIANCE) & (own > LEAST_SIGNAL * noise)
     variance, vectors = np.linalg.eigh(np.where(used[:, None] & used, covariance, 0.0))
     variance, vectors = variance[::-1], vectors.T[::-1]
-    carries = (variance > LEAST_VARIANCE) & (variance > LEAST_DIRECTION * (vectors**2 @ noise))
+    least = max(LEAST_VARIANCE, LEAST_PART * variance.sum())
+    carries = (variance > least) & (variance > LEAST_DIRECTION * (vectors**2 @ noise))
     return used, np.where(carries, variance, 0.0), np.where(carries[:, None], vectors, 0.0)
 
 

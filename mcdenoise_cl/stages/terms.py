@@ -15,8 +15,8 @@ BLOCK_COLUMNS, BLOCK_ROWS = 32, 8
 
 #: A feature is left out of a block where its variance, in and around the block, is below the first (features lie in
 #: [-1, 1]), or below the second times the variance of the noise that it still has; a principal component of the rest
-#: likewise, with the third.
-LEAST_VARIANCE, LEAST_SIGNAL, LEAST_DIRECTION = 1e-8, 2.0, 0.5
+#: likewise, with the third, and where it is below the fourth of all of its block.
+LEAST_VARIANCE, LEAST_SIGNAL, LEAST_DIRECTION, LEAST_PART = 1e-8, 2.0, 0.5, 1e-6
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def choose_terms(engine: Engine, features: Planes, noise: Planes, reach: int, ro
     padded = pad(engine, features, reach)
     rows = rows or Rows(0, height, 0, height)
     counted = rows.first - rows.start, rows.last - rows.start
-    numbers = height, width, reach, LEAST_VARIANCE, LEAST_SIGNAL, LEAST_DIRECTION, *counted
+    numbers = height, width, reach, LEAST_VARIANCE, LEAST_SIGNAL, LEAST_DIRECTION, LEAST_PART, *counted
     size = (across, down)
     engine.launch("terms", kernel, size, padded, noise, *numbers, blocks, used, single=True)
     block_rows = -(-counted[1] // BLOCK_ROWS) - -(-counted[0] // BLOCK_ROWS)
