@@ -133,8 +133,9 @@ def test_features_that_carry_nothing_change_nothing(engines, name):
     features[:, :40, 3] = 0.0
     planes |= {"features": features, "left": left}
     expected = both_regressions(engines["tile"], **planes, **window)[0]
+    # Blocks are summed by vectors of another width, so rounding differs in their components: as above from the equation.
     for one, other in zip(fits_of(engines[name], planes, **window), expected, strict=True):
-        close(one, other, tolerance=1e-4)
+        close(one, other, tolerance=3e-4)
 
     features[..., [1, 3, 4, 5, 6]] = 0.2
     idle = fits_of(engines[name], planes, **window)
