@@ -48,15 +48,15 @@ kernel void blend_also(PLANES(layers), CONST_PLANES(candidate), CONST_PLANES(sha
 /* What rounding, of half floats too, leaves between a colour and the sum of its layers, in units of what is summed. */
 #define ROUNDING (1.f / 512.f)
 
-/* Counts the pixels in which all layers together are the colour; a work-item a row. */
-kernel void count_sums(CONST_PLANES(layers), CONST_PLANES(color), int count, int height, int width,
+/* Counts the pixels in which all layers together are the colour; a work-item a stretch of a row. */
+kernel void count_sums(CONST_PLANES(layers), CONST_PLANES(color), int count, int height, int width, int stretch,
                        volatile global int *restrict counted)
 {
-    const int y = get_global_id(0);
+    const int first = get_global_id(0) * stretch, y = get_global_id(1);
     if (y >= height)
         return;
     int found = 0;
-    for (int x = 0; x < width; x++) {
+    for (int x = first; x < min(first + stretch, width); x++) {
         bool whole = true;
         for (int c = 0; c < 3; c++) {
             float rest = AT(color, c, y, x), size = fabs(rest);

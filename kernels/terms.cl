@@ -79,8 +79,8 @@ inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int 
 
 /* For each block what terms.h says, of the block and `reach` pixels around. A feature is left out whose variance is not
  * above least_variance, or not above least_signal times that of its noise; then likewise a component, with
- * least_direction, and where its variance is not above least_part of all: rounding leaves as much where features depend
- * on each other. used[a] counts the blocks that use feature a, of those in the rows counted. */
+ * least_direction, and one whose variance is not above least_part of that of all. used[a] counts the blocks that use
+ * feature a, of those in the rows counted. */
 kernel void choose_terms(CONST_PLANES(feature), CONST_PLANES(noise), int height, int width, int reach,
                          float least_variance, float least_signal, float least_direction, float least_part,
                          int counted_from, int counted_to, global float *restrict blocks, global int *restrict used)
@@ -102,7 +102,7 @@ kernel void choose_terms(CONST_PLANES(feature), CONST_PLANES(noise), int height,
     float all = 0.f;
     for (int a = 0; a < FEATURES; a++)
         all += m[a][a];
-    const float least = max(least_variance, least_part * all);
+    const float least = larger(least_variance, least_part * all);
     eigenvectors(m, v);
     global float *block = blocks + BLOCK_FLOATS * (by * get_global_size(0) + bx);
     int count = 0;

@@ -24,8 +24,8 @@ LEAST_SIGNAL = 2.0
 #: ... above this many times the variance of the noise along it.
 LEAST_DIRECTION = 0.5
 
-#: ... and this part of the variance of all features.
-LEAST_PART = 1e-6
+#: Likewise, with this part of the variance of all components.
+LEAST_PART = 1e-5
 
 
 class Terms(NamedTuple):
@@ -45,7 +45,7 @@ def components(covariance: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, n
     """Of C (F, F) and the mean noise (F,) of a block: features used (F,), variances (F,), directions (F, F).
 
     A feature is used where C_qq > 1e-8 and C_qq > 2 n_q; the rows and columns of the others become 0. With that
-    C = Σ λ_k v_k v_kᵀ, component k is used where λ_k > 1e-8, λ_k > 1e-6 Σ λ and λ_k > Σ_q v_kq² n_q / 2.
+    C = Σ λ_k v_k v_kᵀ, component k is used where λ_k > 1e-8, λ_k > 1e-5 Σ_j λ_j and λ_k > Σ_q v_kq² n_q / 2.
     """
     own = np.diag(covariance)
     used = (own > LEAST_VARIANCE) & (own > LEAST_SIGNAL * noise)

@@ -4,6 +4,7 @@
 #   tests/runtimes.sh                              all of them
 #   tests/runtimes.sh intel rusticl                some
 #   tests/runtimes.sh pocl-pip -- tests/test_nlm.py -x    pytest arguments after --
+#   tests/runtimes.sh rusticl -- -n auto           a process a core; where a runtime ends one, one test fails, not all
 #   tests/runtimes.sh --into FOLDER ...            where environments, caches and logs go; default: in ~/.cache
 #
 # pocl-pip  PoCL as pip installs it          intel    Intel's CPU runtime, from pip
@@ -36,7 +37,8 @@ mkdir -p "$into" && into="$(cd "$into" && pwd)"
 
 # PyOpenCL finds PoCL from pip whatever else is asked for, so the other runtimes get an environment without it.
 environment() { # name
-    [ -x "$into/$1/bin/python" ] || python3 -m venv "$into/$1" || return
+    # Without what Debian has in python3-venv, a folder is left that has Python but not pip.
+    [ -x "$into/$1/bin/pip" ] || python3 -m venv "$into/$1" || return
     "$into/$1/bin/pip" install --quiet --disable-pip-version-check -e '.[test]' || return
     [ "$1" = pocl-pip ] || "$into/$1/bin/pip" uninstall --quiet --yes pocl-binary-distribution
 }
@@ -112,7 +114,9 @@ for name in "${names[@]}"; do
         on "$name" python -m pytest -p no:cacheprovider "$@" 2>&1 | tee "$log"
     fi
     code=${PIPESTATUS[0]}
-    result="$(tail -1 "$log")"
+    # The last line with numbers: what a runtime prints as it ends may follow.
+    result="$(grep -E '[0-9]+ (passed|failed|skipped|error)|^[0-9]+ of [0-9]+ runs' "$log" | tail -1)"
+    result="${result:-$(tail -1 "$log")}"
     if [ "$code" -ne 0 ]; then
         failed=1
         result="FAILED ($code): $result"

@@ -14,6 +14,7 @@ from transfer import to_array, to_planes
 
 from mcdenoise_cl.device import SCHEDULE_VARIABLE, SCHEDULES, context_for
 from mcdenoise_cl.engine import Engine
+from mcdenoise_cl.errors import DeviceError
 from mcdenoise_cl.stages import nlm as nlm_stage
 from mcdenoise_cl.stages.box import box_mean
 from mcdenoise_cl.stages.group import LOCAL_BYTES, copy_defines, patch_defines
@@ -91,6 +92,31 @@ def test_nlm_whatever_the_group(engines, tone_from, search, patch):
     tile, group, small = (run_nlm(engines[s], color, tone, search, patch) for s in ("tile", "group", "small"))
     close(group, tile)
     close(small, tile)
+
+
+@pytest.mark.parametrize(("patch", "widest"), [(0, 51), (5, 31), (16, 20)])
+def test_loops_that_a_device_may_end_early(engines, monkeypatch, patch, widest):
+    """The widest windows that are right on a device with 65535 turns, and an error for the next."""
+    monkeypatch.setattr(nlm_stage, "most_turns", lambda device: 65535)
+    color = inputs.features(9, 11)["color"]
+    windows = {"search_radius": widest, "patch_radius": patch, "patch_sigma": max(patch / 2, 0.3)}
+    close(
+        run_nlm(engines["group"], color, color, widest, patch),
+        oracle.nlm(color, color, **windows, h=np.float32(0.2)),
+    )
+    with pytest.raises(DeviceError, match=f"ends long loops early.* {widest + 1} with .* {patch} may"):
+        run_nlm(engines["group"], color, color, widest + 1, patch)
+
+
+def test_loops_of_ssim_nlm_that_a_device_may_end_early(engines, monkeypatch):
+    monkeypatch.setattr(nlm_stage, "most_turns", lambda device: 65535)
+    scene = inputs.features(9, 11)
+    color, unit = scene["color"], ((scene["normal"] + 1) / 2).astype(np.float32)
+    windows = {"search_radius": 23, "patch_radius": 2, "patch_sigma": 1.0}
+    expected = oracle.ssim_nlm(color, color, unit, **windows, c1=C1, c2=C2, stabiliser=0.1, h=np.float32(0.2))
+    close(run_ssim_nlm(engines["group"], color, color, unit, 23, 2, 0.1), expected)
+    with pytest.raises(DeviceError, match="ends long loops early"):
+        run_ssim_nlm(engines["group"], color, color, unit, 24, 2, 0.1)
 
 
 @pytest.mark.parametrize("outputs", [1, 2, 3])

@@ -3,11 +3,15 @@
 What is left out is so by a threshold, and components are found to a thousandth: every input here keeps clear of both.
 """
 
+import inputs
 import numpy as np
 import oracle_terms as theory
+import pyopencl as cl
 import pytest
 from transfer import scalars, to_planes
 
+from mcdenoise_cl.device import SCHEDULE_VARIABLE, SCHEDULES, context_for
+from mcdenoise_cl.engine import Engine
 from mcdenoise_cl.stages.terms import choose_terms
 
 
@@ -85,6 +89,21 @@ def test_a_component_of_features_all_of_the_same_is_left_out_by_their_noise(engi
             k = np.argmax(variance)
             np.testing.assert_allclose(np.abs(direction[k]), 3**-0.5, atol=2e-3)
             assert len(variance) == 1 or np.sort(variance)[1] < 2e-3 * variance[k]
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES)
+@pytest.mark.parametrize(("height", "width"), [(1, 5), (2, 2), (3, 2), (2, 3)])
+@pytest.mark.parametrize("reach", [3, 4, 7])
+def test_rounding_is_no_component(device, monkeypatch, schedule, height, width, reach):
+    """Six pixels or fewer tell seven features apart in five directions at most: float32 finds more, by rounding."""
+    monkeypatch.setenv(SCHEDULE_VARIABLE, schedule)
+    engine = Engine(cl.CommandQueue(context_for(device), device))
+    for seed in range(3):
+        scene = inputs.features(height, width, seed=seed)
+        features = np.concatenate([scene["albedo"], scene["normal"], np.atleast_3d(scene["depth"]) / 4], axis=-1)
+        blocks = Blocks(engine, features, np.zeros_like(features), reach)
+        _, _, covariance, left = next(theory.statistics_of_blocks(features.astype(np.float64), 0 * features, reach))
+        assert blocks.count.tolist() == [[np.count_nonzero(theory.components(covariance, left)[1])]]
 
 
 def test_features_that_carry_nothing_are_left_out(engine):

@@ -20,6 +20,10 @@ ENOUGH = 0.99
 #: has registers for.
 TOGETHER = {"tile": 3, "group": 1}
 
+#: How many pixels of a row a work-item counts; 0 for all. One with a row of many layers has more turns than
+#: tests/upstream/rusticl_loops.py gets.
+STRETCH = {"tile": 0, "group": 256}
+
 
 def each_layer(layers: Planes | None) -> Iterator[Planes]:
     """One layer after the other, three planes each."""
@@ -66,8 +70,9 @@ def count_sums(engine: Engine, bands: Iterable[tuple[Planes, Planes]], height: i
     """Look at a frame of this size that comes in bands: the layers as they are given, and the colour."""
     counted, kernel = engine.zeros(1), engine.kernel("also.cl", "count_sums")
     for layers, color in bands:
-        numbers = layers.channels, layers.height, layers.width
-        engine.launch("also", kernel, (layers.height,), layers, color, *numbers, counted, single=True)
+        stretch = STRETCH[engine.shape.schedule] or layers.width
+        size, numbers = (-(-layers.width // stretch), layers.height), (layers.channels, layers.height, layers.width)
+        engine.launch("also", kernel, size, layers, color, *numbers, stretch, counted, single=True)
     return Sums(counted, math.ceil(ENOUGH * height * width))
 
 

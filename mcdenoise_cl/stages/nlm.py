@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import pyopencl as cl
 
+from ..device import DEVICE_VARIABLE, most_turns
 from ..engine import Engine, Planes
+from ..errors import DeviceError
 from .canny import gaussian_taps
 from .group import copy_defines, items, patch_defines
 
@@ -65,6 +67,9 @@ def nlm(
 
     Returns:
         Three planes without a border.
+
+    Raises:
+        DeviceError: the device may end the loops over such windows early.
     """
     height, width = tone.height, tone.width
     gaussian = engine.constant(gaussian_taps(patch_sigma, patch_radius))
@@ -85,6 +90,7 @@ def nlm(
     stage, term = ("nlm", {}) if ssim is None else ("ssim-nlm", {"WITH_SSIM": None})
     if engine.shape.schedule == "group":
         cut = patch_defines(engine, patch_radius, GROUP_OUTPUTS[ssim is not None])
+        _check_turns(engine, cut, search_radius, 1 if ssim is None else 4)
         kernel = engine.kernel("nlm_group.cl", "nlm_group", **cut, **copy_defines(engine, cut, search_radius), **term)
         engine.launch(stage, kernel, items(height, width, cut), *arguments, out, local=engine.shape.group)
     else:
@@ -92,3 +98,15 @@ def nlm(
         kernel = engine.kernel("nlm.cl", "nlm", **cut, **term)
         engine.launch(stage, kernel, engine.tiles(height, width), *arguments, out, single=True)
     return out
+
+
+def _check_turns(engine: Engine, cut: dict[str, int], search_radius: int, sums: int) -> None:
+    """What nlm_group.cl does in loops that no compiler unrolls: for each offset, `sums` sums over the lines of a patch,
+    each of which takes a turn more to end."""
+    lines, most = cut["OUTPUTS"] + 2 * cut["PATCH_RADIUS"], most_turns(engine.device)
+    if most is not None and (2 * search_radius + 1) ** 2 * (1 + sums * (lines + 1)) > most:
+        raise DeviceError(
+            f"{engine.device.name.strip()} ends long loops early, so that a search_radius of {search_radius} with a "
+            f"patch_radius of {cut['PATCH_RADIUS']} may come out wrong: choose smaller ones, or another device with "
+            f"device=..., --device or {DEVICE_VARIABLE}"
+        )

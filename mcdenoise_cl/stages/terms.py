@@ -15,8 +15,12 @@ BLOCK_COLUMNS, BLOCK_ROWS = 32, 8
 
 #: A feature is left out of a block where its variance, in and around the block, is below the first (features lie in
 #: [-1, 1]), or below the second times the variance of the noise that it still has; a principal component of the rest
-#: likewise, with the third, and where it is below the fourth of all of its block.
-LEAST_VARIANCE, LEAST_SIGNAL, LEAST_DIRECTION, LEAST_PART = 1e-8, 2.0, 0.5, 1e-6
+#: likewise, with the third.
+LEAST_VARIANCE, LEAST_SIGNAL, LEAST_DIRECTION = 1e-8, 2.0, 0.5
+
+#: So is a component with less than this part of the variance of all. Where features say the same, or pixels are fewer
+#: than they, float32 leaves about a tenth of it.
+LEAST_PART = 1e-5
 
 
 @dataclass(frozen=True)

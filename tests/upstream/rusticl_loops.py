@@ -1,7 +1,7 @@
 """Mesa's rusticl on llvmpipe ends the loops of a work-item after 65535 turns in all, and says nothing.
 
-So `device.py` picks the group schedule there, whose work-items have short loops. Seen with Mesa 22.3.6. Exits with 1
-where the loops end early:
+So `device.py` picks the group schedule there, whose work-items have short loops, and `stages/nlm.py` refuses windows
+over which they would not be. Seen with Mesa 22.3.6. Exits with 1 where the loops end early:
 
     RUSTICL_ENABLE=llvmpipe MCDENOISE_DEVICE=rusticl python tests/upstream/rusticl_loops.py
 """
