@@ -2,8 +2,9 @@
  *
  * Around each block of BLOCK x BLOCK pixels, colour_k = z_k0 + sum_a z_ka f_a is fitted by weighted least squares. All
  * that a fit needs are means and covariances over its window, so they are taken over blocks once; box_fit_windows.cl
- * joins and solves them; the functions are brought up to every pixel and applied to its own features (He and Sun 2015). Weights are those of relative errors: without them a window that holds something bright
- * fits that alone, and is wrong by its size in the dark.
+ * joins and solves them; the functions are brought up to every pixel and applied to its own features (He and Sun 2015).
+ * Weights are those of relative errors: without them a window that holds something bright fits that alone, and is wrong
+ * by its size in the dark.
  */
 #include "fast_math.h"
 #include "groups.h"
@@ -39,6 +40,19 @@ inline vec every(global const float *row, int x, int n)
     return LOAD(line);
 }
 #define EVERY(p, c, y, x, n) every(p + INDEX(p, c, y, 0), x, n)
+
+/* What a work-item needs of a set of planes, CHUNK blocks from x on, by pixel of a block. Plane by plane: all of them
+ * at once are more streams than a processor can foresee. Past the bottom the last row again. */
+inline void gather(CONST_PLANES(in), int planes, int y, int x, int height, int width, float out[][PIXELS][CHUNK])
+{
+    for (int c = 0; c < planes; c++)
+        for (int i = 0; i < PIXELS; i++) {
+            const int row = min(y * BLOCK + i / BLOCK, height - 1);
+            for (int v = 0; v < CHUNK && (x + v) * BLOCK < width; v += WIDTH)
+                STORE(EVERY(in, c, row, (x + v) * BLOCK + i % BLOCK, width), &out[c][i][v]);
+        }
+}
+#define GATHER(p, planes, out) gather(p, p##_origin, p##_row, p##_plane, planes, y, x, height, width, out)
 
 /* The opposite of BLOCK of them, those of phase i from x + i on: nothing past the end. */
 inline void spread(const vec values[BLOCK], global float *row, int x, int n)
@@ -116,59 +130,67 @@ kernel void box_fit_blocks(CONST_PLANES(light), CONST_PLANES(color),
 #endif
                            int height, int width, float relative, float noise_ridge, PLANES(out))
 {
-    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    const int x = get_global_id(0) * CHUNK, y = get_global_id(1);
     if (x * BLOCK >= width || y * BLOCK >= height)
         return;
-    Group own;
-    own.weight = (vec)(0.f);
-    for (int i = 0; i < ROOM; i++)
-        own.product[i] = (vec)(0.f);
-    vec delta[VARIABLES][PIXELS], weight[PIXELS];
-    for (int i = 0; i < PIXELS; i++) {
-        const int below = y * BLOCK + i / BLOCK, row = min(below, height - 1), column = x * BLOCK + i % BLOCK;
-        weight[i] = relative_weight(EVERY(light, 0, row, column, width), relative);
-        if (column + (WIDTH - 1) * BLOCK >= width)
-            weight[i] *= present(column, width);
-        if (below >= height)
-            weight[i] = (vec)(0.f);
-        own.weight += weight[i];
-        for (int a = 0; a < 3; a++)
-            delta[FEATURES + a][i] = EVERY(color, a, row, column, width);
+    float lights[1][PIXELS][CHUNK], values[VARIABLES][PIXELS][CHUNK];
+    GATHER(light, 1, lights);
 #if FEATURES > 0
-        for (int a = 0; a < FEATURES; a++)
-            delta[a][i] = EVERY(feature, a, row, column, width);
+    GATHER(feature, FEATURES, values);
 #endif
+    GATHER(color, 3, values + FEATURES);
 #ifdef NOISE
-        for (int a = 0; a < FEATURES; a++)
-            own.product[PRODUCT(a, a)] += weight[i] * noise_ridge * EVERY(noise, a, row, column, width);
+    float noises[SLOPES][PIXELS][CHUNK];
+    GATHER(noise, FEATURES, noises);
 #endif
-    }
-    /* About the first pixel, then about the mean. */
-    const vec scale = 1.f / own.weight;
-    for (int a = 0; a < VARIABLES; a++) {
-        vec sum = (vec)(0.f), reference = delta[a][0];
+    for (int v = 0; v < CHUNK && (x + v) * BLOCK < width; v += WIDTH) {
+        Group own;
+        own.weight = (vec)(0.f);
+        for (int i = 0; i < ROOM; i++)
+            own.product[i] = (vec)(0.f);
+        vec delta[VARIABLES][PIXELS], weight[PIXELS];
         for (int i = 0; i < PIXELS; i++) {
-            delta[a][i] -= reference;
-            sum += weight[i] * delta[a][i];
+            const int column = (x + v) * BLOCK + i % BLOCK;
+            weight[i] = relative_weight(LOAD(&lights[0][i][v]), relative);
+            if (column + (WIDTH - 1) * BLOCK >= width)
+                weight[i] *= present(column, width);
+            if (y * BLOCK + i / BLOCK >= height)
+                weight[i] = (vec)(0.f);
+            own.weight += weight[i];
+            for (int a = 0; a < VARIABLES; a++)
+                delta[a][i] = LOAD(&values[a][i][v]);
+#ifdef NOISE
+            for (int a = 0; a < FEATURES; a++)
+                own.product[PRODUCT(a, a)] += weight[i] * noise_ridge * LOAD(&noises[a][i][v]);
+#endif
         }
-        const vec mean = sum * scale;
-        own.mean[a] = reference + mean;
-        for (int i = 0; i < PIXELS; i++)
-            delta[a][i] -= mean;
-    }
-    for (int a = 0; a < VARIABLES; a++) {
-        vec weighted[PIXELS];
-        for (int i = 0; i < PIXELS; i++)
-            weighted[i] = weight[i] * delta[a][i];
-        for (int b = 0; b < FEATURES && b <= a; b++)
+        /* About the first pixel, then about the mean. */
+        const vec scale = 1.f / own.weight;
+        for (int a = 0; a < VARIABLES; a++) {
+            vec sum = (vec)(0.f), reference = delta[a][0];
+            for (int i = 0; i < PIXELS; i++) {
+                delta[a][i] -= reference;
+                sum += weight[i] * delta[a][i];
+            }
+            const vec mean = sum * scale;
+            own.mean[a] = reference + mean;
             for (int i = 0; i < PIXELS; i++)
-                own.product[PRODUCT(a, b)] += weighted[i] * delta[b][i];
+                delta[a][i] -= mean;
+        }
+        for (int a = 0; a < VARIABLES; a++) {
+            vec weighted[PIXELS];
+            for (int i = 0; i < PIXELS; i++)
+                weighted[i] = weight[i] * delta[a][i];
+            for (int b = 0; b < FEATURES && b <= a; b++)
+                for (int i = 0; i < PIXELS; i++)
+                    own.product[PRODUCT(a, b)] += weighted[i] * delta[b][i];
+        }
+        STORE(own.weight, out + INDEX(out, 0, y, x + v));
+        for (int a = 0; a < VARIABLES; a++)
+            STORE(own.mean[a], out + INDEX(out, MEAN(a), y, x + v));
+        for (int i = 0; i < PRODUCTS; i++)
+            STORE(own.product[i], out + INDEX(out, COVARIANCE(i), y, x + v));
     }
-    STORE(own.weight, out + INDEX(out, 0, y, x));
-    for (int a = 0; a < VARIABLES; a++)
-        STORE(own.mean[a], out + INDEX(out, MEAN(a), y, x));
-    for (int i = 0; i < PRODUCTS; i++)
-        STORE(own.product[i], out + INDEX(out, COVARIANCE(i), y, x));
 }
 
 /* out: the functions, interpolated between blocks, of the pixel's own features. left: over each block, what sum w |c -
@@ -179,46 +201,56 @@ kernel void box_fit_apply(CONST_PLANES(fit), CONST_PLANES(light), CONST_PLANES(c
 #endif
                           int height, int width, float relative, PLANES(out), PLANES(left))
 {
-    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    const int x = get_global_id(0) * CHUNK, y = get_global_id(1);
     if (x * BLOCK >= width || y * BLOCK >= height)
         return;
-    const int high = (height + BLOCK - 1) / BLOCK, wide = (width + BLOCK - 1) / BLOCK;
-    vec squares = (vec)(0.f), expected = (vec)(0.f);
-    for (int j = 0; j < BLOCK && y * BLOCK + j < height; j++) {
-        int above, before;
-        const float down = between(j, &above);
-        const int row = y * BLOCK + j;
-        const int top = reflect(y + above, high) * fit_row, bottom = reflect(y + above + 1, high) * fit_row;
-        vec functions[3 * TERMS][3];
-        for (int a = 0; a < 3 * TERMS; a++)
-            between_rows(fit + INDEX(fit, a, 0, 0), top, bottom, down, x, wide, functions[a]);
-        vec values[3][BLOCK];
-        for (int i = 0; i < BLOCK; i++) {
-            const float across = between(i, &before);
-            const int column = x * BLOCK + i;
-            vec weight = relative_weight(EVERY(light, 0, row, column, width), relative);
-            if (column + (WIDTH - 1) * BLOCK >= width)
-                weight *= present(column, width);
-            vec term[TERMS];
+    float lights[1][PIXELS][CHUNK], colors[3][PIXELS][CHUNK], variances[3][PIXELS][CHUNK];
+    GATHER(light, 1, lights);
+    GATHER(color, 3, colors);
+    GATHER(variance, 3, variances);
 #if FEATURES > 0
-            for (int a = 1; a < TERMS; a++)
-                term[a] = EVERY(feature, a - 1, row, column, width);
+    float features[FEATURES][PIXELS][CHUNK];
+    GATHER(feature, FEATURES, features);
 #endif
-            for (int k = 0; k < 3; k++) {
-                vec value = across_columns(functions[k * TERMS], before, across);
+    const int high = (height + BLOCK - 1) / BLOCK, wide = (width + BLOCK - 1) / BLOCK;
+    for (int v = 0; v < CHUNK && (x + v) * BLOCK < width; v += WIDTH) {
+        vec squares = (vec)(0.f), expected = (vec)(0.f);
+        for (int j = 0; j < BLOCK && y * BLOCK + j < height; j++) {
+            int above, before;
+            const float down = between(j, &above);
+            const int row = y * BLOCK + j;
+            const int top = reflect(y + above, high) * fit_row, bottom = reflect(y + above + 1, high) * fit_row;
+            vec functions[3 * TERMS][3];
+            for (int a = 0; a < 3 * TERMS; a++)
+                between_rows(fit + INDEX(fit, a, 0, 0), top, bottom, down, x + v, wide, functions[a]);
+            vec values[3][BLOCK];
+            for (int i = 0; i < BLOCK; i++) {
+                const float across = between(i, &before);
+                const int column = (x + v) * BLOCK + i;
+                vec weight = relative_weight(LOAD(&lights[0][j * BLOCK + i][v]), relative);
+                if (column + (WIDTH - 1) * BLOCK >= width)
+                    weight *= present(column, width);
+                vec term[TERMS];
+#if FEATURES > 0
                 for (int a = 1; a < TERMS; a++)
-                    value += term[a] * across_columns(functions[k * TERMS + a], before, across);
-                values[k][i] = value;
-                const vec rest = EVERY(color, k, row, column, width) - value;
-                squares += weight * rest * rest;
-                expected += weight * EVERY(variance, k, row, column, width);
+                    term[a] = LOAD(&features[a - 1][j * BLOCK + i][v]);
+#endif
+                for (int k = 0; k < 3; k++) {
+                    vec value = across_columns(functions[k * TERMS], before, across);
+                    for (int a = 1; a < TERMS; a++)
+                        value += term[a] * across_columns(functions[k * TERMS + a], before, across);
+                    values[k][i] = value;
+                    const vec rest = LOAD(&colors[k][j * BLOCK + i][v]) - value;
+                    squares += weight * rest * rest;
+                    expected += weight * LOAD(&variances[k][j * BLOCK + i][v]);
+                }
             }
+            for (int k = 0; k < 3; k++)
+                SPREAD(values[k], out, k, row, (x + v) * BLOCK, width);
         }
-        for (int k = 0; k < 3; k++)
-            SPREAD(values[k], out, k, row, x * BLOCK, width);
+        STORE(squares, left + INDEX(left, 0, y, x + v));
+        STORE(expected, left + INDEX(left, 1, y, x + v));
     }
-    STORE(squares, left + INDEX(left, 0, y, x));
-    STORE(expected, left + INDEX(left, 1, y, x));
 }
 
 /* The share of the residual that noise explains; left: as above, over windows. */

@@ -8,8 +8,8 @@
 
 #define QUANTITIES (1 + VARIABLES + PRODUCTS)
 
-/* The coefficients of each colour, the constant first: (C + D)^-1 cov(f, c) by Cholesky's decomposition. The constant is
- * not regularised. The group is used up. */
+/* The coefficients of each colour, the constant first: (C + D)^-1 cov(f, c) by Cholesky's decomposition. The constant
+ * is not regularised. The group is used up. */
 inline void solve(Group *window, float ridge, float least, vec function[3 * TERMS])
 {
     const vec scale = 1.f / window->weight;
@@ -50,8 +50,44 @@ inline void solve(Group *window, float ridge, float least, vec function[3 * TERM
 #define REACH (COLUMNS + 2 * RADIUS)
 #define LINE ((REACH + WIDTH - 1) / WIDTH * WIDTH)
 
+/* The groups of SIDE places of a row as one, all at once: about the mean of the middle one, then about their own. */
+inline void join_along(const float (*row)[LINE], int place, Group *window)
+{
+    vec weight[SIDE], apart[VARIABLES][SIDE], weighted[SIDE];
+    window->weight = (vec)(0.f);
+    for (int k = 0; k < SIDE; k++) {
+        weight[k] = LOAD(&row[0][place + k]);
+        window->weight += weight[k];
+    }
+    const vec scale = 1.f / window->weight;
+    for (int v = 0; v < VARIABLES; v++) {
+        const vec middle = LOAD(&row[MEAN(v)][place + RADIUS]);
+        vec sum = (vec)(0.f);
+        for (int k = 0; k < SIDE; k++) {
+            apart[v][k] = LOAD(&row[MEAN(v)][place + k]) - middle;
+            sum += weight[k] * apart[v][k];
+        }
+        const vec mean = sum * scale;
+        window->mean[v] = middle + mean;
+        for (int k = 0; k < SIDE; k++)
+            apart[v][k] -= mean;
+    }
+    for (int v = 0; v < VARIABLES; v++) {
+        for (int k = 0; k < SIDE; k++)
+            weighted[k] = weight[k] * apart[v][k];
+        for (int f = 0; f < FEATURES && f <= v; f++) {
+            const int i = PRODUCT(v, f);
+            vec sum = (vec)(0.f);
+            for (int k = 0; k < SIDE; k++)
+                sum += LOAD(&row[COVARIANCE(i)][place + k]) + weighted[k] * apart[f][k];
+            window->product[i] = sum;
+        }
+    }
+}
+
 /* A work-item does COLUMNS columns of 2 RADIUS + 1 rows; out: the TERMS coefficients of each colour. */
-kernel void box_fit_windows(CONST_PLANES(group), int height, int width, int phase, float ridge, float least, PLANES(out))
+kernel void box_fit_windows(CONST_PLANES(group), int height, int width, int phase, float ridge, float least,
+                            PLANES(out))
 {
     const int left = get_global_id(0) * COLUMNS, first = (int)get_global_id(1) * SIDE - phase - RADIUS;
     if (left >= width || first + RADIUS >= height)
@@ -71,13 +107,8 @@ kernel void box_fit_windows(CONST_PLANES(group), int height, int width, int phas
     }
     for (int i = outside; i < rows; i++)
         for (int place = 0; place < COLUMNS && left + place < width; place += WIDTH) {
-            Group window, next;
-            for (int k = 0; k < SIDE; k++) {
-                for (int q = 0; q < QUANTITIES; q++)
-                    ((vec *)(k == 0 ? &window : &next))[q] = LOAD(line[i][q] + place + k);
-                if (k > 0)
-                    join(&window, &next, &window);
-            }
+            Group window;
+            join_along(line[i], place, &window);
             vec function[3 * TERMS];
             solve(&window, ridge, least, function);
             for (int a = 0; a < 3 * TERMS; a++)
@@ -85,9 +116,9 @@ kernel void box_fit_windows(CONST_PLANES(group), int height, int width, int phas
         }
 }
 #else
-/* `count` planes of `rows` rows of WIDTH values become pieces of columns; `stride` vectors lie between rows. Plane by plane,
- * as a row of memory is written to then but once. (Not INLINE: inlined, `restrict` becomes an intrinsic that some
- * simulators lack.) */
+/* `count` planes of `rows` rows of WIDTH values become pieces of columns; `stride` vectors lie between rows. Plane by
+ * plane, as a row of memory is written to then but once. (Not INLINE: inlined, `restrict` becomes an intrinsic that
+ * some simulators lack.) */
 inline void store_transposed(const vec *values, int stride, int count, int rows, PLANES(out), int y, int x, int width)
 {
     const float *value = (const float *)values;
@@ -101,8 +132,8 @@ inline void store_transposed(const vec *values, int stride, int count, int rows,
 
 
 /* The groups of the 2 RADIUS + 1 blocks around each block of a column as one; transposed, so that the next step, along
- * rows, goes along columns too. A work-item makes 2 RADIUS + 1 windows of WIDTH columns; the next one those below, whose
- * results go to the same lines of a cache. */
+ * rows, goes along columns too. A work-item makes 2 RADIUS + 1 windows of WIDTH columns; the next one those below,
+ * whose results go to the same lines of a cache. */
 kernel void box_fit_columns(CONST_PLANES(group), int height, int width, int phase, PLANES(out))
 {
     const int x = get_global_id(1) * WIDTH, first = (int)get_global_id(0) * SIDE - phase - RADIUS;

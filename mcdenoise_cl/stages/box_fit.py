@@ -10,6 +10,8 @@ from .box import box_mean
 LIGHT_RADIUS = 2
 #: The largest radius of windows whose rows are joined group by group.
 LARGEST_DIRECT = 2
+#: Pixels of a plane that a work-item on a CPU reads at a time.
+CHUNK = 512
 
 
 def box_fit(
@@ -61,8 +63,14 @@ def box_fit(
     count = features.channels if features else 0
     guides = [features] if features else []
     noises = [noise] if noise else []
-    defines = {"FEATURES": count, "BLOCK": block, "RADIUS": radius, **({"NOISE": None} if noise else {})}
     blocks = (engine.vectors(columns), rows)
+    chunk = engine.shape.width
+    if engine.shape.schedule == "tile":
+        chunk *= max(1, CHUNK // block**2 // chunk)
+    chunks = (-(-columns // chunk), rows)
+    defines = {"FEATURES": count, "BLOCK": block, "RADIUS": radius, "CHUNK": chunk}
+    if noise:
+        defines["NOISE"] = None
 
     def launch(name: str, size: tuple[int, int], *arguments, file: str = "box_fit.cl", **more: int) -> None:
         kernel = engine.kernel(file, f"box_fit_{name}", **defines, **more)
@@ -96,10 +104,10 @@ def box_fit(
         group = 1 + (count + 3) + count * (count + 1) // 2 + 3 * count
         groups = engine.planes(group, rows, columns)
         numbers = height, width, float(relative), float(noise_ridge)
-        launch("blocks", blocks, light, target, *guides, *noises, *numbers, groups)
+        launch("blocks", chunks, light, target, *guides, *noises, *numbers, groups)
         fit = box_mean(engine, solved(groups), radius)
         out, left = engine.planes(3, height, width), engine.planes(2, rows, columns)
-        launch("apply", blocks, fit, light, target, variance, *guides, height, width, float(relative), out, left)
+        launch("apply", chunks, fit, light, target, variance, *guides, height, width, float(relative), out, left)
         return out, left
 
     def restored(target: Planes, fit: Planes, out: Planes) -> None:
