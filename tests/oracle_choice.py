@@ -13,7 +13,7 @@ from oracle_regression import wide_box_mean
 #: Added to the squared difference of two images, so that equal ones can be divided by it.
 LEAST_DIFFERENCE = 1e-11
 
-#: The most noise that a pixel may have, in units of `scale`: beside a light, smoothing brings more, which is the light's.
+#: The most noise that a pixel may have, in units of `scale`: beside a light, smoothing brings the light's.
 MOST_NOISE = 100.0
 
 #: Images as near as this, squared and relative, are taken for equal: the share goes to the prior.

@@ -32,6 +32,9 @@ def outliers(
     Returns the scaled image and the factor (H, W): 1 where l <= limit · m, m the brightest neighbour or 0, or where
     (l - m) / significant is more than the pixel's standard deviation; else limit · m / l. Its variance is v, the sum of
     the channels', or, by chance and if larger, l² + 1e-6 times the mean of v / (l² + 1e-6) over 3x3 pixels.
+
+    Of a group, with a finite `significant`: limit · o / l if that is less and l > 16 limit · o, o the fourth largest of
+    the other 24 of 5x5 pixels or 0, and l - o is at most min(1.5, significant) deviations.
     """
     color = np.asarray(color, dtype=np.float64)
     largest = color.max(axis=-1)
@@ -41,6 +44,10 @@ def outliers(
     deviation = np.sqrt(np.maximum(np.maximum(v, by_chance * square * box_mean(v / square, 1)), 0.0))
     over = (largest > limit * around) & ((largest - around) / significant <= deviation)
     factor = np.where(over, limit * around / np.where(over, largest, 1.0), 1.0)
+    if np.isfinite(significant):
+        others = np.maximum(np.sort(np.delete(neighbours(largest, 2), 12, axis=0), axis=0)[-4], 0.0)
+        over = (largest > 16.0 * limit * others) & (largest - others <= min(1.5, significant) * deviation)
+        factor = np.where(over, np.minimum(factor, limit * others / np.where(over, largest, 1.0)), factor)
     return factor[..., None] * color, factor
 
 

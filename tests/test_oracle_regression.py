@@ -51,7 +51,12 @@ def loop_outliers(
             )
         if limit * brightest < largest <= brightest + sigmas:
             factor[y, x] = limit * brightest / largest
-            scaled[y, x] *= factor[y, x]
+        if np.isfinite(significant):
+            further = [max(at(color, y + dy, x + dx)) for dy, dx in window(2) if (dy, dx) != (0, 0)]
+            fourth = max(sorted(further, reverse=True)[3], 0.0)
+            if 16 * limit * fourth < largest <= fourth + min(significant, 1.5) / significant * sigmas:
+                factor[y, x] = min(factor[y, x], limit * fourth / largest)
+        scaled[y, x] *= factor[y, x]
     return scaled, factor
 
 

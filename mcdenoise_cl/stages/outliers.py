@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 from ..engine import Engine, Planes
 from .also import each_layer
 from .box import box_mean
 from .pad import pad
+
+#: Pixels of a group stay if they stand out by more than so many standard deviations; one sample in many does by one.
+SIGNIFICANT_IN_GROUP = 1.5
 
 #: Removed light is blurred in blocks of so many pixels squared, if its blur is that much wider.
 SCALE, WIDER = 4, 8
@@ -15,6 +20,9 @@ def scale_outliers(
     engine: Engine, color: Planes, variance: Planes, limit: float, significant: float, by_chance: bool = True
 ) -> tuple[Planes, Planes]:
     """Scale pixels brighter than `limit` times the brightest of their eight neighbours down to that, in place.
+
+    Up to four in 5x5 that are 16 `limit` times as bright as all others there are scaled down to `limit` times the
+    brightest of those, if their deviation is known (`significant` finite) and they stand out by no more than 1.5.
 
     `variance` (three planes, of the pixel mean) is scaled with its colour. A pixel that stands out of its neighbours by
     more than `significant` standard deviations stays: it is no outlier but a small light, or texture. Its deviation is
@@ -29,13 +37,14 @@ def scale_outliers(
     bright = engine.planes(2, height, width)
     engine.launch("outliers", engine.kernel("outliers.cl", "brightest"), size, color, variance, height, width, bright)
     factor, removed = engine.planes(1, height, width), engine.planes(3, height, width)
-    arguments = pad(engine, bright, 1), color, variance, height, width, float(limit)
+    arguments = pad(engine, bright, 2), color, variance, height, width, float(limit)
     engine.launch(
         "outliers",
         engine.kernel("outliers.cl", "hold_back"),
         size,
         *arguments,
         float(significant),
+        min(SIGNIFICANT_IN_GROUP, significant) if math.isfinite(significant) else 0.0,
         float(by_chance),
         factor,
         removed,
