@@ -40,9 +40,6 @@ inline float limited(float change, float beyond, float bound)
     return change * clamp(beyond, -most, most);
 }
 
-/* Noise so many times the squared brightness, and more, is a light's beside it that smoothing has brought here. */
-#define MOST_NOISE 100.f
-
 /* out: how much nearer to the truth the candidate is than the middle of the two (g), its square or, if the noise is
  * known pixel by pixel, the variance that this noise gives it, and the squared distance of the two (q).
  *
@@ -60,15 +57,14 @@ kernel void compare(CONST_PLANES(current), CONST_PLANES(candidate), CONST_PLANES
     const float step = LUMINANCE(candidate, y, x) - l, d_step = AT(candidate, 3, y, x) - d;
     const float beyond = LUMINANCE(target, y, x) - l - 0.5f * step;
     const float d_beyond = -AT(target, 3, y, x) - d - 0.5f * d_step;
-    const float variance = smaller(AT(noise, 0, y, x), MOST_NOISE * square_of(AT(surroundings, 0, y, x)));
-    const float bound = limit * sqrt(2.f * variance);
+    const float bound = limit * sqrt(2.f * AT(noise, 0, y, x));
     const float a = limited(step + d_step, beyond + d_beyond, bound);
     const float b = limited(step - d_step, beyond - d_beyond, bound);
-    const float g = tracking * variance + 0.5f * (a + b) + d_step * d + 0.5f * d_step * d_step;
+    const float g = tracking * AT(noise, 0, y, x) + 0.5f * (a + b) + d_step * d + 0.5f * d_step * d_step;
     const float scaled = relative(g, AT(surroundings, 0, y, x));
     AT(out, 0, y, x) = scaled;
     const float q = relative(step * step, AT(surroundings, 0, y, x));
-    AT(out, 1, y, x) = known ? 2.f * q * relative(variance, AT(surroundings, 0, y, x)) : scaled * scaled;
+    AT(out, 1, y, x) = known ? 2.f * q * relative(AT(noise, 0, y, x), AT(surroundings, 0, y, x)) : scaled * scaled;
     AT(out, 2, y, x) = q;
 }
 

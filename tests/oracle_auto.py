@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from oracle import auto_exposure, box_mean, luminance
-from oracle_choice import MOST_NOISE, believed, compare, estimated_error, share
+from oracle_choice import believed, compare, estimated_error, share
 from oracle_regression import (
     by_chance,
     depth_feature,
@@ -185,7 +185,7 @@ def denoise_auto(
     if "color_variance" in planes or "color_a" in planes:
         noise = luminance_deviation(f.raw) ** 2
     g, q = compared(filtered, noisy, noisy, 0.0)
-    known = 2.0 * q * np.minimum(noise / scale, MOST_NOISE)
+    known = 2.0 * q * noise / scale
     i = share(g, q, radius=smoothing_radius, prior=1.0, doubt=keep, margin=caution, square=known)
     mixed = filtered + i[..., None] * (noisy - filtered)
     if "color_variance" in planes or "color_a" in planes:

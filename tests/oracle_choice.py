@@ -13,9 +13,6 @@ from oracle_regression import wide_box_mean
 #: Added to the squared difference of two images, so that equal ones can be divided by it.
 LEAST_DIFFERENCE = 1e-11
 
-#: The most noise that a pixel may have, in units of `scale`: beside a light, smoothing brings the light's.
-MOST_NOISE = 100.0
-
 #: Images as near as this, squared and relative, are taken for equal: the share goes to the prior.
 DOUBTFUL_DIFFERENCE = 1e-10
 
@@ -40,14 +37,13 @@ def compare(
         g = (tracking · noise + 1/2 Σ_s D_s clip(r_s, -b_s, b_s) + (d_w - d) d + (d_w - d)² / 2) / scale
         q = (l_w - l)² / scale
 
-    with b_s = limit · sqrt(2 noise) + |D_s| / 2, `noise` the variance of the target, but at most 100 scale, and 2 noise
-    that of its halves: r is ±D / 2 where one of the two is the truth.
+    with b_s = limit · sqrt(2 noise) + |D_s| / 2, `noise` the variance of the target and 2 noise that of its halves:
+    r is ±D / 2 where one of the two is the truth.
     """
     (lum, d), (lum_w, d_w), (lum_t, d_t) = (
         np.moveaxis(np.asarray(image, dtype=np.float64), -1, 0) for image in (current, candidate, target)
     )
-    scale = np.asarray(scale, dtype=np.float64)
-    noise = np.minimum(np.asarray(noise, dtype=np.float64), MOST_NOISE * scale)
+    noise, scale = np.asarray(noise, dtype=np.float64), np.asarray(scale, dtype=np.float64)
     bound = limit * np.sqrt(2.0 * noise)
     saved = np.zeros(lum.shape)
     for s in (1.0, -1.0):
