@@ -13,6 +13,7 @@ NAN, INF = np.float32(np.nan), np.float32(np.inf)
 STRIPES, WALL = (66, 40), (52, 60)
 ONE, SOME, ROW, HALF, ALL = around(STRIPES, 0), scattered(0.01), rows(95, 96), rows(0, 60), rows(0, HEIGHT)
 PAIR = around(WALL, 0) | np.roll(around(WALL, 0), 1, axis=1)
+BLOCK = PAIR | np.roll(PAIR, 1, axis=0)
 #: Everything but the colour.
 HALVES = ("color_a", "color_b")
 EXTRAS = (*HALVES, "color_variance", *FEATURES, *FEATURE_VARIANCES)
@@ -80,6 +81,18 @@ OUTLIERS = (
         lambda: damage.fireflies(PAIR, 1e4, around(WALL, 15)),
     ),
     (
+        "firefly-block",
+        "two by two such pixels",
+        "they go and leave no block",
+        lambda: damage.fireflies(BLOCK, 1e4, around(WALL, 15)),
+    ),
+    (
+        "firefly-pair-features",
+        "the pair, with colour and features but no variance",
+        "nothing tells it from a small lamp, so it may stay",
+        lambda: damage.without((*HALVES, "color_variance"), damage.fireflies(PAIR, 1e4, around(WALL, 15))),
+    ),
+    (
         "fireflies-1-percent",
         "rare light: one sample of 1e3 in 1 % of the pixels, in the truth everywhere",
         "they go; their light is spread, not lost",
@@ -96,6 +109,12 @@ OUTLIERS = (
         "the same, known from two halves alone",
         "two halves may agree by chance, so it may go",
         lambda: damage.without(("color_variance",), damage.lamps(around(WALL, 0), 100.0, around(WALL, 3))),
+    ),
+    (
+        "small-lamp",
+        "a lamp of two by two pixels, the same",
+        "it stays",
+        lambda: damage.lamps(BLOCK, 100.0, around(WALL, 3)),
     ),
     (
         "filament",

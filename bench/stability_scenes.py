@@ -158,6 +158,13 @@ def beside_the_sun(reference: Frame) -> np.ndarray:
     return grown(bright, 12) & ~bright
 
 
+def without_variance() -> Made:
+    """The sun known from two halves alone."""
+    frame, truth, mask = sampled_case(sun, beside_the_sun)
+    planes = {name: plane for name, plane in frame.planes().items() if name != "color_variance"}
+    return Frame(**planes), truth, mask
+
+
 def in_halves() -> Made:
     """The sun in 16 bits: 65504 is the most that they hold, and a renderer writes infinity beyond."""
     frame, truth, mask = sampled_case(sun, beside_the_sun)
@@ -234,6 +241,13 @@ CASES: tuple[Case, ...] = (
         "a disc a million times as bright as its surroundings",
         "none of its light is seen around it: auto is nearer to the truth than its input there",
         partial(sampled_case, sun, beside_the_sun),
+    ),
+    Case(
+        TOPIC,
+        "sun-halves",
+        "the same, known from two halves alone",
+        "as with variances",
+        without_variance,
     ),
     Case(
         TOPIC,

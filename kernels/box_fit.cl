@@ -1,10 +1,10 @@
 /* Colours as a linear function of the features, fitted over uniform windows (He et al. 2010, with many guides).
  *
  * Around each block of BLOCK x BLOCK pixels, colour_k = z_k0 + sum_a z_ka f_a is fitted by weighted least squares. All
- * that a fit needs are means and covariances over its window, so they are taken over blocks once, joined along columns,
- * then along rows, and each block is solved once; the functions are brought up to every pixel and applied to its own
- * features (He and Sun 2015). Weights are those of relative errors: without them a window that holds something bright
- * fits that alone, and is wrong by its size in the dark.
+ * that a fit needs are means and covariances over its window, so they are taken over blocks once; box_fit_windows.cl
+ * joins and solves them; the functions are brought up to every pixel and applied to its own features (He and Sun 2015).
+ * Weights are those of relative errors: without them a window that holds something bright fits that alone, and is wrong
+ * by its size in the dark.
  */
 #include "fast_math.h"
 #include "groups.h"
@@ -30,6 +30,9 @@ inline vec every(global const float *row, int x, int n)
 #elif BLOCK == 2 && WIDTH == 8
     if (x + 16 <= n)
         return (float8)(vload8(0, row + x).even, vload8(0, row + x + 8).even);
+#elif BLOCK == 2 && WIDTH == 16
+    if (x + 32 <= n)
+        return (float16)(LOAD(row + x).even, LOAD(row + x + 16).even);
 #endif
     float line[WIDTH];
     for (int i = 0; i < WIDTH; i++)
@@ -38,26 +41,42 @@ inline vec every(global const float *row, int x, int n)
 }
 #define EVERY(p, c, y, x, n) every(p + INDEX(p, c, y, 0), x, n)
 
-/* The opposite: nothing past the end. */
-inline void spread(vec value, global float *row, int x, int n)
+/* What a work-item needs of a set of planes, CHUNK blocks from x on, by pixel of a block. Plane by plane: all of them
+ * at once are more streams than a processor can foresee. Past the bottom the last row again. */
+inline void gather(CONST_PLANES(in), int planes, int y, int x, int height, int width, float out[][PIXELS][CHUNK])
 {
-    float line[WIDTH];
-    STORE(value, line);
-    for (int i = 0; i < WIDTH && x + i * BLOCK < n; i++)
-        row[x + i * BLOCK] = line[i];
+    for (int c = 0; c < planes; c++)
+        for (int i = 0; i < PIXELS; i++) {
+            const int row = min(y * BLOCK + i / BLOCK, height - 1);
+            for (int v = 0; v < CHUNK && (x + v) * BLOCK < width; v += WIDTH)
+                STORE(EVERY(in, c, row, (x + v) * BLOCK + i % BLOCK, width), &out[c][i][v]);
+        }
 }
-#define SPREAD(value, p, c, y, x, n) spread(value, p + INDEX(p, c, y, 0), x, n)
+#define GATHER(p, planes, out) gather(p, p##_origin, p##_row, p##_plane, planes, y, x, height, width, out)
 
-/* WIDTH values of a row of n blocks from x on, mirrored. */
-inline vec mirrored(global const float *row, int x, int n)
+/* The opposite of BLOCK of them, those of phase i from x + i on: nothing past the end. */
+inline void spread(const vec values[BLOCK], global float *row, int x, int n)
 {
-    if (x >= 0 && x + WIDTH <= n)
-        return LOAD(row + x);
-    float line[WIDTH];
-    for (int i = 0; i < WIDTH; i++)
-        line[i] = row[reflect(x + i, n)];
-    return LOAD(line);
+#if BLOCK == 2 && WIDTH > 1
+    if (x + 2 * WIDTH <= n) {
+        vec low, high;
+        low.even = values[0].lo;
+        low.odd = values[1].lo;
+        high.even = values[0].hi;
+        high.odd = values[1].hi;
+        STORE(low, row + x);
+        STORE(high, row + x + WIDTH);
+        return;
+    }
+#endif
+    for (int phase = 0; phase < BLOCK; phase++) {
+        float line[WIDTH];
+        STORE(values[phase], line);
+        for (int i = 0; i < WIDTH && x + phase + i * BLOCK < n; i++)
+            row[x + phase + i * BLOCK] = line[i];
+    }
 }
+#define SPREAD(values, p, c, y, x, n) spread(values, p + INDEX(p, c, y, 0), x, n)
 
 /* Where the pixels of phase i of their blocks lie between blocks: from `before` (in blocks, from their own), this far
  * to the next. */
@@ -111,125 +130,67 @@ kernel void box_fit_blocks(CONST_PLANES(light), CONST_PLANES(color),
 #endif
                            int height, int width, float relative, float noise_ridge, PLANES(out))
 {
-    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    const int x = get_global_id(0) * CHUNK, y = get_global_id(1);
     if (x * BLOCK >= width || y * BLOCK >= height)
         return;
-    Group own;
-    own.weight = (vec)(0.f);
-    for (int i = 0; i < ROOM; i++)
-        own.product[i] = (vec)(0.f);
-    vec delta[VARIABLES][PIXELS], weight[PIXELS];
-    for (int i = 0; i < PIXELS; i++) {
-        const int below = y * BLOCK + i / BLOCK, row = min(below, height - 1), column = x * BLOCK + i % BLOCK;
-        weight[i] = relative_weight(EVERY(light, 0, row, column, width), relative);
-        if (column + (WIDTH - 1) * BLOCK >= width)
-            weight[i] *= present(column, width);
-        if (below >= height)
-            weight[i] = (vec)(0.f);
-        own.weight += weight[i];
-        for (int a = 0; a < 3; a++)
-            delta[FEATURES + a][i] = EVERY(color, a, row, column, width);
+    float lights[1][PIXELS][CHUNK], values[VARIABLES][PIXELS][CHUNK];
+    GATHER(light, 1, lights);
 #if FEATURES > 0
-        for (int a = 0; a < FEATURES; a++)
-            delta[a][i] = EVERY(feature, a, row, column, width);
+    GATHER(feature, FEATURES, values);
 #endif
+    GATHER(color, 3, values + FEATURES);
 #ifdef NOISE
-        for (int a = 0; a < FEATURES; a++)
-            own.product[PRODUCT(a, a)] += weight[i] * noise_ridge * EVERY(noise, a, row, column, width);
+    float noises[SLOPES][PIXELS][CHUNK];
+    GATHER(noise, FEATURES, noises);
 #endif
-    }
-    /* About the first pixel, then about the mean. */
-    const vec scale = 1.f / own.weight;
-    for (int a = 0; a < VARIABLES; a++) {
-        vec sum = (vec)(0.f), reference = delta[a][0];
+    for (int v = 0; v < CHUNK && (x + v) * BLOCK < width; v += WIDTH) {
+        Group own;
+        own.weight = (vec)(0.f);
+        for (int i = 0; i < ROOM; i++)
+            own.product[i] = (vec)(0.f);
+        vec delta[VARIABLES][PIXELS], weight[PIXELS];
         for (int i = 0; i < PIXELS; i++) {
-            delta[a][i] -= reference;
-            sum += weight[i] * delta[a][i];
+            const int column = (x + v) * BLOCK + i % BLOCK;
+            weight[i] = relative_weight(LOAD(&lights[0][i][v]), relative);
+            if (column + (WIDTH - 1) * BLOCK >= width)
+                weight[i] *= present(column, width);
+            if (y * BLOCK + i / BLOCK >= height)
+                weight[i] = (vec)(0.f);
+            own.weight += weight[i];
+            for (int a = 0; a < VARIABLES; a++)
+                delta[a][i] = LOAD(&values[a][i][v]);
+#ifdef NOISE
+            for (int a = 0; a < FEATURES; a++)
+                own.product[PRODUCT(a, a)] += weight[i] * noise_ridge * LOAD(&noises[a][i][v]);
+#endif
         }
-        const vec mean = sum * scale;
-        own.mean[a] = reference + mean;
-        for (int i = 0; i < PIXELS; i++)
-            delta[a][i] -= mean;
-    }
-    for (int a = 0; a < VARIABLES; a++) {
-        vec weighted[PIXELS];
-        for (int i = 0; i < PIXELS; i++)
-            weighted[i] = weight[i] * delta[a][i];
-        for (int b = 0; b < FEATURES && b <= a; b++)
+        /* About the first pixel, then about the mean. */
+        const vec scale = 1.f / own.weight;
+        for (int a = 0; a < VARIABLES; a++) {
+            vec sum = (vec)(0.f), reference = delta[a][0];
+            for (int i = 0; i < PIXELS; i++) {
+                delta[a][i] -= reference;
+                sum += weight[i] * delta[a][i];
+            }
+            const vec mean = sum * scale;
+            own.mean[a] = reference + mean;
             for (int i = 0; i < PIXELS; i++)
-                own.product[PRODUCT(a, b)] += weighted[i] * delta[b][i];
-    }
-    STORE(own.weight, out + INDEX(out, 0, y, x));
-    for (int a = 0; a < VARIABLES; a++)
-        STORE(own.mean[a], out + INDEX(out, MEAN(a), y, x));
-    for (int i = 0; i < PRODUCTS; i++)
-        STORE(own.product[i], out + INDEX(out, COVARIANCE(i), y, x));
-}
-
-/* The groups of the 2 RADIUS + 1 blocks around each block of a column as one; transposed, so that the next step, along
- * rows, goes along columns too. A work-item makes 2 RADIUS + 1 windows of WIDTH columns; the next one those below, whose
- * results go to the same lines of a cache. */
-kernel void box_fit_columns(CONST_PLANES(group), int height, int width, int phase, PLANES(out))
-{
-    const int x = get_global_id(1) * WIDTH, first = (int)get_global_id(0) * SIDE - phase - RADIUS;
-    if (x >= width || first + RADIUS >= height)
-        return;
-    Group ends[SIDE], beginning, window[SIDE];
-    join_ends(group, group_origin, group_row, group_plane, first, x, height, ends);
-    const int rows = min(SIDE, height - first - RADIUS), outside = max(-first - RADIUS, 0);
-    for (int i = 0; i < rows; i++)
-        NEXT_WINDOW(i, &window[i]);
-    STORE_TRANSPOSED(&window[outside].weight, sizeof(Group) / sizeof(vec), 1 + VARIABLES + PRODUCTS, rows - outside, out,
-                     first + RADIUS + outside, x, width);
-}
-
-/* group: windows of columns, transposed. out, upright again: the TERMS coefficients of each colour; the constant is not
- * regularised. */
-kernel void box_fit_solve(CONST_PLANES(group), int height, int width, float ridge, float least, PLANES(out))
-{
-    const int x = get_global_id(1) * WIDTH, first = (int)get_global_id(0) * SIDE - RADIUS;
-    if (x >= width || first + RADIUS >= height)
-        return;
-    Group ends[SIDE], beginning, window;
-    join_ends(group, group_origin, group_row, group_plane, first, x, height, ends);
-    const int rows = min(SIDE, height - first - RADIUS);
-    vec function[SIDE][3 * TERMS];
-    for (int i = 0; i < rows; i++) {
-        NEXT_WINDOW(i, &window);
-        const vec scale = 1.f / window.weight;
-        for (int q = 0; q < PRODUCTS; q++)
-            window.product[q] *= scale;
-        /* L L^T, in place; the diagonal holds 1 / L_aa */
-        for (int a = 0; a < FEATURES; a++) {
-            vec *row = window.product + LOWER(a, 0);
-            row[a] = larger(row[a], (vec)(0.f)) * (1.f + ridge) + least;
-            for (int b = 0; b <= a; b++) {
-                vec sum = row[b];
-                for (int q = 0; q < b; q++)
-                    sum -= row[q] * window.product[LOWER(b, q)];
-                row[b] = a == b ? 1.f / sqrt(larger(sum, (vec)(0.5f * least))) : sum * window.product[LOWER(b, b)];
-            }
+                delta[a][i] -= mean;
         }
-        for (int k = 0; k < 3; k++) {
-            vec z[SLOPES], constant_ = window.mean[FEATURES + k];
-            for (int a = 0; a < FEATURES; a++) {
-                vec sum = window.product[PRODUCT(FEATURES + k, a)];
-                for (int q = 0; q < a; q++)
-                    sum -= window.product[LOWER(a, q)] * z[q];
-                z[a] = sum * window.product[LOWER(a, a)];
-            }
-            for (int a = FEATURES - 1; a >= 0; a--) {
-                vec sum = z[a];
-                for (int q = a + 1; q < FEATURES; q++)
-                    sum -= window.product[LOWER(q, a)] * z[q];
-                z[a] = sum * window.product[LOWER(a, a)];
-                constant_ -= z[a] * window.mean[a];
-                function[i][k * TERMS + 1 + a] = z[a];
-            }
-            function[i][k * TERMS] = constant_;
+        for (int a = 0; a < VARIABLES; a++) {
+            vec weighted[PIXELS];
+            for (int i = 0; i < PIXELS; i++)
+                weighted[i] = weight[i] * delta[a][i];
+            for (int b = 0; b < FEATURES && b <= a; b++)
+                for (int i = 0; i < PIXELS; i++)
+                    own.product[PRODUCT(a, b)] += weighted[i] * delta[b][i];
         }
+        STORE(own.weight, out + INDEX(out, 0, y, x + v));
+        for (int a = 0; a < VARIABLES; a++)
+            STORE(own.mean[a], out + INDEX(out, MEAN(a), y, x + v));
+        for (int i = 0; i < PRODUCTS; i++)
+            STORE(own.product[i], out + INDEX(out, COVARIANCE(i), y, x + v));
     }
-    STORE_TRANSPOSED(function[0], 3 * TERMS, 3 * TERMS, rows, out, first + RADIUS, x, width);
 }
 
 /* out: the functions, interpolated between blocks, of the pixel's own features. left: over each block, what sum w |c -
@@ -240,43 +201,56 @@ kernel void box_fit_apply(CONST_PLANES(fit), CONST_PLANES(light), CONST_PLANES(c
 #endif
                           int height, int width, float relative, PLANES(out), PLANES(left))
 {
-    const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
+    const int x = get_global_id(0) * CHUNK, y = get_global_id(1);
     if (x * BLOCK >= width || y * BLOCK >= height)
         return;
-    const int high = (height + BLOCK - 1) / BLOCK, wide = (width + BLOCK - 1) / BLOCK;
-    vec squares = (vec)(0.f), expected = (vec)(0.f);
-    for (int j = 0; j < BLOCK && y * BLOCK + j < height; j++) {
-        int above, before;
-        const float down = between(j, &above);
-        const int row = y * BLOCK + j;
-        const int top = reflect(y + above, high) * fit_row, bottom = reflect(y + above + 1, high) * fit_row;
-        vec functions[3 * TERMS][3];
-        for (int a = 0; a < 3 * TERMS; a++)
-            between_rows(fit + INDEX(fit, a, 0, 0), top, bottom, down, x, wide, functions[a]);
-        for (int i = 0; i < BLOCK && x * BLOCK + i < width; i++) {
-            const float across = between(i, &before);
-            const int column = x * BLOCK + i;
-            vec weight = relative_weight(EVERY(light, 0, row, column, width), relative);
-            if (column + (WIDTH - 1) * BLOCK >= width)
-                weight *= present(column, width);
-            vec term[TERMS];
+    float lights[1][PIXELS][CHUNK], colors[3][PIXELS][CHUNK], variances[3][PIXELS][CHUNK];
+    GATHER(light, 1, lights);
+    GATHER(color, 3, colors);
+    GATHER(variance, 3, variances);
 #if FEATURES > 0
-            for (int a = 1; a < TERMS; a++)
-                term[a] = EVERY(feature, a - 1, row, column, width);
+    float features[FEATURES][PIXELS][CHUNK];
+    GATHER(feature, FEATURES, features);
 #endif
-            for (int k = 0; k < 3; k++) {
-                vec value = across_columns(functions[k * TERMS], before, across);
+    const int high = (height + BLOCK - 1) / BLOCK, wide = (width + BLOCK - 1) / BLOCK;
+    for (int v = 0; v < CHUNK && (x + v) * BLOCK < width; v += WIDTH) {
+        vec squares = (vec)(0.f), expected = (vec)(0.f);
+        for (int j = 0; j < BLOCK && y * BLOCK + j < height; j++) {
+            int above, before;
+            const float down = between(j, &above);
+            const int row = y * BLOCK + j;
+            const int top = reflect(y + above, high) * fit_row, bottom = reflect(y + above + 1, high) * fit_row;
+            vec functions[3 * TERMS][3];
+            for (int a = 0; a < 3 * TERMS; a++)
+                between_rows(fit + INDEX(fit, a, 0, 0), top, bottom, down, x + v, wide, functions[a]);
+            vec values[3][BLOCK];
+            for (int i = 0; i < BLOCK; i++) {
+                const float across = between(i, &before);
+                const int column = (x + v) * BLOCK + i;
+                vec weight = relative_weight(LOAD(&lights[0][j * BLOCK + i][v]), relative);
+                if (column + (WIDTH - 1) * BLOCK >= width)
+                    weight *= present(column, width);
+                vec term[TERMS];
+#if FEATURES > 0
                 for (int a = 1; a < TERMS; a++)
-                    value += term[a] * across_columns(functions[k * TERMS + a], before, across);
-                SPREAD(value, out, k, row, column, width);
-                const vec rest = EVERY(color, k, row, column, width) - value;
-                squares += weight * rest * rest;
-                expected += weight * EVERY(variance, k, row, column, width);
+                    term[a] = LOAD(&features[a - 1][j * BLOCK + i][v]);
+#endif
+                for (int k = 0; k < 3; k++) {
+                    vec value = across_columns(functions[k * TERMS], before, across);
+                    for (int a = 1; a < TERMS; a++)
+                        value += term[a] * across_columns(functions[k * TERMS + a], before, across);
+                    values[k][i] = value;
+                    const vec rest = LOAD(&colors[k][j * BLOCK + i][v]) - value;
+                    squares += weight * rest * rest;
+                    expected += weight * LOAD(&variances[k][j * BLOCK + i][v]);
+                }
             }
+            for (int k = 0; k < 3; k++)
+                SPREAD(values[k], out, k, row, (x + v) * BLOCK, width);
         }
+        STORE(squares, left + INDEX(left, 0, y, x + v));
+        STORE(expected, left + INDEX(left, 1, y, x + v));
     }
-    STORE(squares, left + INDEX(left, 0, y, x));
-    STORE(expected, left + INDEX(left, 1, y, x));
 }
 
 /* The share of the residual that noise explains; left: as above, over windows. */
@@ -305,14 +279,18 @@ kernel void box_fit_restore(CONST_PLANES(share), CONST_PLANES(color), CONST_PLAN
         const int top = reflect(y + above, high) * share_row, bottom = reflect(y + above + 1, high) * share_row;
         vec shares[3];
         between_rows(share + INDEX(share, 0, 0, 0), top, bottom, down, x, wide, shares);
-        for (int i = 0; i < BLOCK && x * BLOCK + i < width; i++) {
+        vec noise[BLOCK], values[BLOCK];
+        for (int i = 0; i < BLOCK; i++) {
             const float across = between(i, &before);
-            const int column = x * BLOCK + i;
-            const vec noise = across_columns(shares, before, across);
-            for (int k = 0; k < 3; k++) {
+            noise[i] = across_columns(shares, before, across);
+        }
+        for (int k = 0; k < 3; k++) {
+            for (int i = 0; i < BLOCK; i++) {
+                const int column = x * BLOCK + i;
                 const vec c = EVERY(color, k, row, column, width), value = EVERY(fitted, k, row, column, width);
-                SPREAD(larger(BLEND(c, value, noise), smaller(c, (vec)(darkest))), out, k, row, column, width);
+                values[i] = larger(BLEND(c, value, noise[i]), smaller(c, (vec)(darkest)));
             }
+            SPREAD(values, out, k, row, x * BLOCK, width);
         }
     }
 }

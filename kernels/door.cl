@@ -5,10 +5,12 @@
  * Strides and offset count elements, so any layout of the user's array can be read.
  */
 #include "common.h"
+#include "interleave.h"
 
 #if defined(SOURCE_HALF)
 #define SOURCE half
 #define READ(i) vload_half(i, source)
+#define READ_VECTOR(p) JOIN(vload_half, WIDTH)(0, p)
 #elif defined(SOURCE_DOUBLE)
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 #define SOURCE double
@@ -16,6 +18,7 @@
 #else
 #define SOURCE float
 #define READ(i) source[i]
+#define READ_VECTOR(p) LOAD(p)
 #endif
 
 #define FILL_RADIUS 8
@@ -76,16 +79,26 @@ kernel void door(SOURCE_ARGUMENTS, int height, int width, int start, int stop, i
     if (x >= width || y >= stop)
         return;
     if (x + WIDTH <= width) {
-        float value[CHANNELS][WIDTH];
+        vec value[CHANNELS];
         bits largest = (bits)(0);
+#if defined(PACKED) && defined(READ_VECTOR) && WIDTH > 1 && CHANNELS == 3
+        global const SOURCE *from = source + offset + y * row + x * CHANNELS;
+        take_apart(READ_VECTOR(from), READ_VECTOR(from + WIDTH), READ_VECTOR(from + 2 * WIDTH), value);
+#elif defined(PACKED) && defined(READ_VECTOR) && WIDTH > 1 && CHANNELS == 1
+        value[0] = READ_VECTOR(source + offset + y * row + x);
+#else
+        float lanes[CHANNELS][WIDTH];
         for (int i = 0; i < WIDTH; i++)
             for (int c = 0; c < CHANNELS; c++)
-                value[c][i] = AT_SOURCE(c, y, x + i);
+                lanes[c][i] = AT_SOURCE(c, y, x + i);
         for (int c = 0; c < CHANNELS; c++)
-            largest = max(largest, AS_BITS(LOAD(value[c])) & EXPONENT);
+            value[c] = LOAD(lanes[c]);
+#endif
+        for (int c = 0; c < CHANNELS; c++)
+            largest = max(largest, AS_BITS(value[c]) & EXPONENT);
         if (ALL(largest < EXPONENT)) {
             for (int c = 0; c < CHANNELS; c++)
-                STORE(LOAD(value[c]), out + INDEX(out, c, y - start, x));
+                STORE(value[c], out + INDEX(out, c, y - start, x));
             return;
         }
     }

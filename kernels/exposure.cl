@@ -17,6 +17,9 @@
 /* Columns of sums and of counts: the bins, and everything. */
 enum { EVERYTHING = BINS, COLUMNS_OF_BINS };
 
+/* Sums that go on side by side, as each of their additions waits for the last. */
+#define CHAINS (WIDTH < 4 ? WIDTH : 4)
+
 /* Kahan's sum: `lost` is what rounding has added too much. */
 inline void add_to(float *sum, float *lost, float value)
 {
@@ -33,10 +36,13 @@ kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, int f
     const int y = get_global_id(0);
     if (y >= height)
         return;
-    float sum[COLUMNS_OF_BINS], lost[COLUMNS_OF_BINS];
+    float sum[COLUMNS_OF_BINS][CHAINS], lost[COLUMNS_OF_BINS][CHAINS];
     int count[COLUMNS_OF_BINS];
-    for (int k = 0; k < COLUMNS_OF_BINS; k++)
-        sum[k] = lost[k] = 0.f, count[k] = 0;
+    for (int k = 0; k < COLUMNS_OF_BINS; k++) {
+        for (int i = 0; i < CHAINS; i++)
+            sum[k][i] = lost[k][i] = 0.f;
+        count[k] = 0;
+    }
     for (int x = 0; x < width; x += WIDTH) {
         float l[WIDTH], logarithm[WIDTH];
         const vec v = luminance(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x), VECTOR_AT(color, 2, y, x));
@@ -45,14 +51,16 @@ kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, int f
         for (int i = 0; i < WIDTH && x + i < width; i++)
             if (l[i] > 0.f) {
                 const int bin = as_int(l[i]) >> BIN_BITS;
-                add_to(&sum[bin], &lost[bin], logarithm[i]);
-                add_to(&sum[EVERYTHING], &lost[EVERYTHING], logarithm[i]);
+                add_to(&sum[bin][i % CHAINS], &lost[bin][i % CHAINS], logarithm[i]);
+                add_to(&sum[EVERYTHING][i % CHAINS], &lost[EVERYTHING][i % CHAINS], logarithm[i]);
                 count[bin]++;
                 count[EVERYTHING]++;
             }
     }
     for (int k = 0; k < COLUMNS_OF_BINS; k++) {
-        row_sum[(first + y) * COLUMNS_OF_BINS + k] = sum[k];
+        for (int i = 1; i < CHAINS; i++)
+            add_to(&sum[k][0], &lost[k][0], sum[k][i]);
+        row_sum[(first + y) * COLUMNS_OF_BINS + k] = sum[k][0];
         row_count[(first + y) * COLUMNS_OF_BINS + k] = count[k];
     }
 }

@@ -50,30 +50,44 @@ inline void join(const Group *a, const Group *b, Group *both)
     both->weight = weight;
 }
 
-inline void load_group(CONST_PLANES(group), int y, int x, Group *out)
+/* WIDTH values of a row of n from x on, mirrored. */
+inline vec mirrored(global const float *row, int x, int n)
 {
-    out->weight = VECTOR_AT(group, 0, y, x);
-    for (int v = 0; v < VARIABLES; v++)
-        out->mean[v] = VECTOR_AT(group, MEAN(v), y, x);
-    for (int i = 0; i < PRODUCTS; i++)
-        out->product[i] = VECTOR_AT(group, COVARIANCE(i), y, x);
+    if (x >= 0 && x + WIDTH <= n)
+        return LOAD(row + x);
+    float line[WIDTH];
+    for (int i = 0; i < WIDTH; i++)
+        line[i] = row[reflect(x + i, n)];
+    return LOAD(line);
 }
-#define LOAD_GROUP(y, x, out) load_group(group, group_origin, group_row, group_plane, y, x, out)
 
-/* ends[i]: the groups of rows `first` + i to `first` + 2 RADIUS as one, mirrored. */
-inline void join_ends(CONST_PLANES(group), int first, int x, int height, Group ends[SIDE])
+/* Those of row y and from column x on, mirrored. */
+inline void load_group(CONST_PLANES(group), int y, int x, int height, int width, Group *out)
 {
-    LOAD_GROUP(reflect(first + SIDE - 1, height), x, &ends[SIDE - 1]);
+    global const float *row = group + INDEX(group, 0, reflect(y, height), 0);
+    out->weight = mirrored(row, x, width);
+    for (int v = 0; v < VARIABLES; v++)
+        out->mean[v] = mirrored(row + MEAN(v) * group_plane, x, width);
+    for (int i = 0; i < PRODUCTS; i++)
+        out->product[i] = mirrored(row + COVARIANCE(i) * group_plane, x, width);
+}
+#define LOAD_GROUP(y, out) load_group(group, group_origin, group_row, group_plane, y, x, height, width, out)
+
+/* ends[i]: the groups of rows `first` + i to `first` + 2 RADIUS as one. */
+inline void join_ends(CONST_PLANES(group), int first, int x, int height, int width, Group ends[SIDE])
+{
+    LOAD_GROUP(first + SIDE - 1, &ends[SIDE - 1]);
     for (int i = SIDE - 2; i >= 0; i--) {
         Group own;
-        LOAD_GROUP(reflect(first + i, height), x, &own);
+        LOAD_GROUP(first + i, &own);
         join(&own, &ends[i + 1], &ends[i]);
     }
 }
+#define JOIN_ENDS(first, x, ends) join_ends(group, group_origin, group_row, group_plane, first, x, height, width, ends)
 
 /* The window that begins at row `first` + i, of the end ends[i] and the beginning of the rows that follow, which grows
  * by one row with each i > 0. */
-inline void next_window(CONST_PLANES(group), int first, int i, int x, int height, const Group ends[SIDE],
+inline void next_window(CONST_PLANES(group), int first, int i, int x, int height, int width, const Group ends[SIDE],
                         Group *beginning, Group *window)
 {
     if (i == 0) {
@@ -81,7 +95,7 @@ inline void next_window(CONST_PLANES(group), int first, int i, int x, int height
         return;
     }
     Group own;
-    LOAD_GROUP(reflect(first + SIDE - 1 + i, height), x, &own);
+    LOAD_GROUP(first + SIDE - 1 + i, &own);
     if (i == 1)
         *beginning = own;
     else
@@ -89,20 +103,6 @@ inline void next_window(CONST_PLANES(group), int first, int i, int x, int height
     join(&ends[i], beginning, window);
 }
 #define NEXT_WINDOW(i, window) \
-    next_window(group, group_origin, group_row, group_plane, first, i, x, height, ends, &beginning, window)
-
-/* `count` planes of `rows` rows of WIDTH values become pieces of columns; `stride` vectors lie between rows. Plane by plane,
- * as a row of memory is written to then but once. (Not INLINE: inlined, `restrict` becomes an intrinsic that some
- * simulators lack.) */
-inline void store_transposed(const vec *values, int stride, int count, int rows, PLANES(out), int y, int x, int width)
-{
-    const float *value = (const float *)values;
-    for (int p = 0; p < count; p++)
-        for (int i = 0; i < WIDTH && x + i < width; i++)
-            for (int r = 0; r < rows; r++)
-                AT(out, p, x + i, y + r) = value[(r * stride + p) * WIDTH + i];
-}
-#define STORE_TRANSPOSED(values, stride, count, rows, p, y, x, width) \
-    store_transposed(values, stride, count, rows, p, p##_origin, p##_row, p##_plane, y, x, width)
+    next_window(group, group_origin, group_row, group_plane, first, i, x, height, width, ends, &beginning, window)
 
 #endif

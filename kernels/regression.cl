@@ -31,7 +31,7 @@
 
 /* The pixels of a pair's windows: where their products are, and their weights for both. */
 typedef struct {
-    float weight[TAPS][2][WIDTH];
+    vec weight[TAPS][2];
     int place[TAPS];
     int inner, count; /* taps of the inner windows come first */
 } Taps;
@@ -82,10 +82,10 @@ inline void drop_zeros(Taps *taps, const Order *order)
     int count = 0;
     taps->inner = 0;
     for (int i = 0; i < order->count; i++) {
-        const vec first = LOAD(taps->weight[i][0]), second = LOAD(taps->weight[i][1]);
+        const vec first = taps->weight[i][0], second = taps->weight[i][1];
         if (ANY(first + second > (vec)(0.f))) {
-            STORE(first, taps->weight[count][0]);
-            STORE(second, taps->weight[count][1]);
+            taps->weight[count][0] = first;
+            taps->weight[count][1] = second;
             taps->place[count++] = order->place[i];
         }
         if (i + 1 == order->inner)
@@ -98,7 +98,7 @@ inline void drop_zeros(Taps *taps, const Order *order)
 inline void add_taps(const Taps *taps, int from, int to, const float *products, vec sum[2][GROUP])
 {
     for (int t = from; t < to; t++) {
-        const vec first = LOAD(taps->weight[t][0]), second = LOAD(taps->weight[t][1]);
+        const vec first = taps->weight[t][0], second = taps->weight[t][1];
         const float *product = products + taps->place[t];
 #pragma unroll
         for (int i = 0; i < GROUP; i++) {
@@ -164,7 +164,7 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
         for (int v = 0; v < VECTORS; v++)
             for (int i = 0; i < order.count; i++)
                 for (int which = 0; which < 2; which++)
-                    STORE((vec)(0.f), taps[pair][v].weight[i][which]);
+                    taps[pair][v].weight[i][which] = (vec)(0.f);
     global const float *t = tone + INDEX(tone, 0, y, x);
     global const float *s = variance + INDEX(variance, 0, y, x);
     for (int o = 0; o < SIDE * SIDE; o++) {
@@ -178,7 +178,7 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
             for (int which = 0; which < 2; which++) {
                 const int r = FIRST_ROW(pair) + which * STRIDE;
                 for (int v = 0; v < VECTORS && r < ROWS; v++)
-                    STORE(weight[r][v], taps[pair][v].weight[order.tap[which][o]][which]);
+                    taps[pair][v].weight[order.tap[which][o]][which] = weight[r][v];
             }
     }
     for (int pair = 0; pair < PAIRS; pair++)
@@ -242,9 +242,9 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
     for (int i = total; i < MOMENTS; i++)
         first[i] = second[i] = 0;
 
-    float moments[PAIRS][VECTORS][MOMENTS][2][WIDTH];
+    vec moments[PAIRS][VECTORS][MOMENTS][2];
 #ifdef WITH_INNER
-    float inside[PAIRS][VECTORS][MOMENTS][2][WIDTH];
+    vec inside[PAIRS][VECTORS][MOMENTS][2];
 #endif
     for (int start = 0; start < total; start += GROUP) {
         float products[GROUP][LINES][LINE];
@@ -263,14 +263,14 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
                 add_taps(&taps[pair][v], 0, taps[pair][v].inner, here, sum);
 #ifdef WITH_INNER
                 for (int i = 0; i < GROUP; i++) {
-                    STORE(sum[0][i], inside[pair][v][start + i][0]);
-                    STORE(sum[1][i], inside[pair][v][start + i][1]);
+                    inside[pair][v][start + i][0] = sum[0][i];
+                    inside[pair][v][start + i][1] = sum[1][i];
                 }
 #endif
                 add_taps(&taps[pair][v], taps[pair][v].inner, taps[pair][v].count, here, sum);
                 for (int i = 0; i < GROUP; i++) {
-                    STORE(sum[0][i], moments[pair][v][start + i][0]);
-                    STORE(sum[1][i], moments[pair][v][start + i][1]);
+                    moments[pair][v][start + i][0] = sum[0][i];
+                    moments[pair][v][start + i][1] = sum[1][i];
                 }
             }
     }
@@ -299,7 +299,7 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
 #endif
 #define FIT_AND_STORE(from, out)                                                                                       \
     for (int j = 0; j < total; j++)                                                                                    \
-        EACH m[j].of[i] = LOAD(from[pair][v][j][i]);                                                                   \
+        EACH m[j].of[i] = from[pair][v][j][i];                                                                         \
     FIT;                                                                                                               \
     for (int i = 0; i < FITS; i++) {                                                                                   \
         const int r = FIRST_ROW(pair) + i * STRIDE;                                                                    \

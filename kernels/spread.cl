@@ -1,5 +1,8 @@
 /* The energy removed from outliers, blurred, goes back: half of it evenly, half in proportion to the brightness.
  *
+ * Rarely found light is spread well if many pixels have found some. One that has found more than MOST_LIGHT of all the
+ * light around tells little of how much there is, and would be seen as a veil: only so much of it goes back.
+ *
  * The blur is wide, so it is made of the means of blocks of SCALE x SCALE pixels, and interpolated between them.
  */
 #include "common.h"
@@ -18,15 +21,55 @@ kernel void block_means(CONST_PLANES(in), int height, int width, PLANES(out))
     AT(out, c, by, bx) = sum / ((bottom - by * SCALE) * (right - bx * SCALE));
 }
 
-/* The mean brightness of each block, of the means of a block's colours, once half of the removed light is back. */
-kernel void brightness(CONST_PLANES(blocks), CONST_PLANES(removed), int down, int across, PLANES(out))
+#define MOST_LIGHT 0.04f
+
+/* The mean brightness of each block, of the means of a block's colours, once this part of the removed light is back. */
+kernel void brightness(CONST_PLANES(blocks), CONST_PLANES(removed), int down, int across, float part, PLANES(out))
 {
     const int bx = get_global_id(0), by = get_global_id(1);
     if (bx >= across || by >= down)
         return;
     const float own = AT(blocks, 0, by, bx) + AT(blocks, 1, by, bx) + AT(blocks, 2, by, bx);
     const float back = AT(removed, 0, by, bx) + AT(removed, 1, by, bx) + AT(removed, 2, by, bx);
-    AT(out, 0, by, bx) = (own + 0.5f * back) / 3.f;
+    AT(out, 0, by, bx) = (own + part * back) / 3.f;
+}
+
+/* What three boxes, each so many blocks wide, leave in its place of the light of block i, of n in a row: a quadratic
+ * spline and what its mirror images add. The first and the last block, which are not repeated, are their own images. */
+inline float spline(float t)
+{
+    t = fabs(t);
+    return t < 0.5f ? 0.75f - t * t : t < 1.5f ? 0.5f * (1.5f - t) * (1.5f - t) : 0.f;
+}
+
+inline float left_in_place(int i, int n, int box)
+{
+    if (n == 1)
+        return 1.f;
+    const int period = 2 * (n - 1), images = 3 * box / (2 * period) + 1;
+    float sum = 0.f;
+    for (int image = -images; image <= images; image++) {
+        sum += spline(image * period / (float)box);
+        if (i > 0 && i < n - 1)
+            sum += spline((image * period - 2 * i) / (float)box);
+    }
+    return sum / box;
+}
+
+/* What was removed from each block, as far as its blur is no more than MOST_LIGHT of the `level` at its place; and the
+ * part of it that this is. */
+kernel void limit_removed(CONST_PLANES(level), CONST_PLANES(removed), int down, int across, int box, PLANES(limited),
+                          PLANES(kept))
+{
+    const int bx = get_global_id(0), by = get_global_id(1);
+    if (bx >= across || by >= down)
+        return;
+    const float mean = (AT(removed, 0, by, bx) + AT(removed, 1, by, bx) + AT(removed, 2, by, bx)) / 3.f;
+    const float alone = mean * left_in_place(by, down, box) * left_in_place(bx, across, box);
+    const float most = MOST_LIGHT * larger(AT(level, 0, by, bx), 0.f), part = alone > most ? most / alone : 1.f;
+    for (int c = 0; c < 3; c++)
+        AT(limited, c, by, bx) = part * AT(removed, c, by, bx);
+    AT(kept, 0, by, bx) = part;
 }
 
 /* Where pixel i of a block lies: this far from one block's middle to the next, of the pair that begins `before` it. */

@@ -22,6 +22,20 @@ inline float sum_of(vec v)
     return sum;
 }
 
+/* The mean of a plane over a rectangle. */
+inline float mean_of(global const float *corner, int row, int rows, int columns)
+{
+    vec sum = (vec)(0.f);
+    float inside[WIDTH];
+    for (int x = 0; x < columns; x += WIDTH) {
+        for (int i = 0; i < WIDTH; i++)
+            inside[i] = x + i < columns ? 1.f : 0.f;
+        for (int y = 0; y < rows; y++)
+            sum += LOAD(inside) > (vec)(0.f) ? LOAD(corner + y * row + x) : (vec)(0.f);
+    }
+    return sum_of(sum) / (rows * columns);
+}
+
 /* The means of the features over a rectangle and, about them, their covariances. */
 inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int columns, float mean[FEATURES],
                         float m[FEATURES][FEATURES])
@@ -84,11 +98,7 @@ kernel void choose_terms(CONST_PLANES(feature), CONST_PLANES(noise), int height,
                 BLOCK_COLUMNS + 2 * reach, mean, m);
     const int right = min(x0 + BLOCK_COLUMNS, width), bottom = min(y0 + BLOCK_ROWS, height);
     for (int a = 0; a < FEATURES; a++) {
-        left[a] = 0.f;
-        for (int y = y0; y < bottom; y++)
-            for (int x = x0; x < right; x++)
-                left[a] += AT(noise, a, y, x);
-        left[a] /= (right - x0) * (bottom - y0);
+        left[a] = mean_of(noise + INDEX(noise, a, y0, x0), noise_row, bottom - y0, right - x0);
         if (m[a][a] > least_variance && m[a][a] > least_signal * left[a])
             atomic_add(used + a, y0 >= counted_from && y0 < counted_to);
         else

@@ -30,7 +30,7 @@ class Report:
         noise_level: standard deviation of the noise found in the tonemapped colours.
         replaced: pixels replaced because they were not finite, by plane, and by "also.NAME" for further layers; those
             without any are left out.
-        energy_removed: part of the frame's light that was taken from outliers and spread; 0 where none were looked for.
+        energy_removed: part of the frame's light that was taken from outliers to be spread; 0 where none were sought.
         features_used: part of the frame, 0 to 1, in which each feature carried something for the fits; only for
             methods that fit, and features that are there.
         shares: part, 0 to 1, that each candidate has in the result; only for `auto`.

@@ -42,7 +42,7 @@ MOTION = "motion"
 OUTLIER_LIMIT = 1.1
 #: Rows to each side that a row depends on: a pixel's window, the blocks around that of its last row, the search, and
 #: the variances there with the outliers around. And with motion vectors.
-REACH = LIGHT_RADIUS + 2 * BLOCK + SEARCH_RADIUS + VARIANCE_RADIUS + 1
+REACH = LIGHT_RADIUS + 2 * BLOCK + SEARCH_RADIUS + VARIANCE_RADIUS + 2
 FAR_REACH = FARTHEST + REACH
 
 

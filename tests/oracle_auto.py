@@ -182,7 +182,7 @@ def denoise_auto(
     g, q = compared(current, narrow, noisy, -tracking)
     n = share(g, q, radius=smoothing_radius, prior=0.0, doubt=doubt, margin=0.0)
     filtered = current + n[..., None] * (narrow - current)
-    if "color_variance" in planes:
+    if "color_variance" in planes or "color_a" in planes:
         noise = luminance_deviation(f.raw) ** 2
     g, q = compared(filtered, noisy, noisy, 0.0)
     known = 2.0 * q * noise / scale

@@ -32,6 +32,9 @@ def outliers(
     Returns the scaled image and the factor (H, W): 1 where l <= limit · m, m the brightest neighbour or 0, or where
     (l - m) / significant is more than the pixel's standard deviation; else limit · m / l. Its variance is v, the sum of
     the channels', or, by chance and if larger, l² + 1e-6 times the mean of v / (l² + 1e-6) over 3x3 pixels.
+
+    Of a group, with a finite `significant`: limit · o / l if that is less and l > 16 limit · o, o the fourth largest of
+    the other 24 of 5x5 pixels or 0, and l - o is at most min(1.5, significant) deviations.
     """
     color = np.asarray(color, dtype=np.float64)
     largest = color.max(axis=-1)
@@ -41,6 +44,10 @@ def outliers(
     deviation = np.sqrt(np.maximum(np.maximum(v, by_chance * square * box_mean(v / square, 1)), 0.0))
     over = (largest > limit * around) & ((largest - around) / significant <= deviation)
     factor = np.where(over, limit * around / np.where(over, largest, 1.0), 1.0)
+    if np.isfinite(significant):
+        others = np.maximum(np.sort(np.delete(neighbours(largest, 2), 12, axis=0), axis=0)[-4], 0.0)
+        over = (largest > 16.0 * limit * others) & (largest - others <= min(1.5, significant) * deviation)
+        factor = np.where(over, np.minimum(factor, limit * others / np.where(over, largest, 1.0)), factor)
     return factor[..., None] * color, factor
 
 
@@ -276,22 +283,51 @@ def between_blocks(blocks: np.ndarray, height: int, width: int, side: int) -> np
     return blocks
 
 
+def left_in_place(n: int, box: int) -> np.ndarray:
+    """What the cube of a mean over `box` of n mirrored values leaves of each in its place, nearly.
+
+    Σ_k s(2 k (n - 1) / box) + s((2 k (n - 1) - 2 i) / box), over box, for i = 0 .. n - 1, over all whole k, without the
+    second s at both ends; s the quadratic spline: 3/4 - t² up to |t| = 1/2, (3/2 - |t|)² / 2 up to 3/2, then 0. 1 if n
+    is 1.
+    """
+    if n == 1:
+        return np.ones(1)
+
+    def spline(t: np.ndarray) -> np.ndarray:
+        t = abs(t)
+        return np.where(t < 0.5, 0.75 - t**2, np.maximum(1.5 - t, 0.0) ** 2 / 2.0)
+
+    k, i = np.arange(-2 * box, 2 * box + 1), np.arange(n)[:, None]
+    images = np.where((i > 0) & (i < n - 1), spline((2.0 * k * (n - 1) - 2.0 * i) / box), 0.0)
+    return (spline(2.0 * k * (n - 1) / box) + images).sum(axis=1) / box
+
+
 def spread_removed(image: np.ndarray, removed: np.ndarray, radius: int) -> np.ndarray:
     """Give back the light of the outliers over a wide neighbourhood: half as it is, half in proportion to the image.
 
-    From a radius of 32 on, on the means of blocks of side 4, else of side 1: R = B³ removed and
+    From a radius of 32 on, on the means of blocks of side 4, else of side 1: R = B³ r and
     brightness = B³ mean(image + R / 2), B the mean over (2r+1)² blocks, r the radius over the side, rounded; both
     linear between blocks. The result is (image + R / 2) (1 + (mean R / 2) / max(brightness, mean R, 1e-9)).
+
+    r is what was removed, f_5 of it: f_k = min(1, max(0, 0.04 L_k) / (w mean removed)), L_k = B³ mean(image + f_(k-1)
+    removed), f_0 = 1, w the product of `left_in_place` down and across.
     """
     side = 4 if radius >= 32 else 1
     height, width = image.shape[:2]
+    r = round(radius / side)
 
     def spread(blocks: np.ndarray) -> np.ndarray:
-        r = round(radius / side)
         return wide_box_mean(wide_box_mean(wide_box_mean(blocks, r), r), r)
 
-    light = spread(block_mean(np.float64(removed), side))
-    level = spread(block_mean(np.float64(image).mean(axis=-1), side) + light.mean(axis=-1) / 2.0)
+    removed, image_blocks = block_mean(np.float64(removed), side), block_mean(np.float64(image).mean(axis=-1), side)
+    down, across = image_blocks.shape
+    alone = removed.mean(axis=-1) * np.outer(left_in_place(down, 2 * r + 1), left_in_place(across, 2 * r + 1))
+    part = np.ones((down, across))
+    for _ in range(5):
+        most = np.maximum(0.04 * spread(image_blocks + part * removed.mean(axis=-1)), 0.0)
+        part = np.where(alone > most, most / np.where(alone > most, alone, 1.0), 1.0)
+    light = spread(part[..., None] * removed)
+    level = spread(image_blocks + light.mean(axis=-1) / 2.0)
     light, level = (between_blocks(blocks, height, width, side) for blocks in (light, level))
     share = light.mean(axis=-1)
     gain = 1.0 + share / 2.0 / np.maximum(np.maximum(level, share), 1e-9)

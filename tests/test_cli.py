@@ -290,7 +290,8 @@ def test_surprises_are_one_sentence(tmp_path):
     )
 
 
-def test_devices():
+def test_devices(monkeypatch):
+    monkeypatch.delenv("MCDENOISE_DEVICE", raising=False)
     known, default = list_devices(), pick_device(None).index
     rows = json.loads(run("devices", "--json"))
     assert [row["name"] for row in rows] == [device.name for device in known]

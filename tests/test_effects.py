@@ -109,7 +109,9 @@ def test_a_sun_sheds_no_light_on_what_is_beside_it(method, known, sunlit):
     assert out[inside].mean() > least * reference.color[inside].mean()
 
 
-@pytest.mark.parametrize("left_out", [(), ("color_a", "color_b")], ids=["all", "variances"])
+@pytest.mark.parametrize(
+    "left_out", [(), ("color_a", "color_b"), ("color_variance",)], ids=["all", "variances", "halves"]
+)
 def test_beside_a_sun_the_mix_is_as_good_as_the_regression(sunlit, left_out):
     """A few pixels that the sun touches bring no noise back around them."""
     frame, reference = sunlit

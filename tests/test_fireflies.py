@@ -25,13 +25,14 @@ def of_planes(planes, known):
     return Frame(**{name: planes[name] for name in KNOWN[known] or planes})
 
 
-def with_firefly(planes, times):
-    """One sample of one pixel is `times` the mean of the frame."""
+def with_firefly(planes, times, size=(1, 1)):
+    """One sample of one pixel is `times` the mean of the frame; or of each pixel of a block."""
     planes = {name: plane.copy() for name, plane in planes.items()}
     sample = times * planes["color"].mean() * np.float32([1.0, 0.9, 0.8])
-    planes["color"][PLACE] += sample / SPP
-    planes["color_a"][PLACE] += sample / (SPP / 2)
-    planes["color_variance"][PLACE] += (sample / SPP) ** 2
+    where = tuple(slice(at, at + n) for at, n in zip(PLACE, size, strict=True))
+    planes["color"][where] += sample / SPP
+    planes["color_a"][where] += sample / (SPP / 2)
+    planes["color_variance"][where] += (sample / SPP) ** 2
     return planes
 
 
@@ -57,6 +58,26 @@ def test_a_firefly_leaves_no_block(method, known, times):
     assert abs(block) < 0.02
     # Non-local means holds no outliers back: the pixel itself stays a bright one, though no longer a thousandfold.
     assert most < (1 / 3 if method in FITS else 2.0)
+
+
+@pytest.mark.parametrize("method", FITS)
+@pytest.mark.parametrize("known", ["all", "variance", "halves"])
+@pytest.mark.parametrize("size", [(1, 2), (3, 1), (2, 2)])
+def test_a_group_of_fireflies_leaves_no_block(method, known, size):
+    planes, truth = sampled(*SIZE)
+    images = [denoise(of_planes(p, known), method=method) for p in (with_firefly(planes, 1e4, size), planes)]
+    block, most = left_behind(*images, truth)
+    assert abs(block) < 0.02 and most < 1 / 3
+
+
+@pytest.mark.parametrize("method", FITS)
+@pytest.mark.parametrize("times", [1e3, 1e5, 1e7])
+def test_a_firefly_casts_no_veil(method, times):
+    """Its light goes back as far as it does not show: no more than a tenth, all over the frame."""
+    planes, truth = sampled(*SIZE)
+    images = [denoise(Frame(**p), method=method) for p in (with_firefly(planes, times), planes)]
+    away = distance_from_place() > 7
+    assert (images[0] - images[1])[away].mean() < 0.1 * truth[away].mean()
 
 
 def test_the_measure_sees_the_block_of_a_linear_average():
@@ -100,6 +121,8 @@ def lamp(kind):
         where[np.round(20 + 3 * np.sin(x / 2)).astype(int), x] = True
     else:
         where[PLACE] = True
+        if kind == "two by two":
+            where[PLACE[0] : PLACE[0] + 2, PLACE[1] : PLACE[1] + 2] = True
     return where
 
 
@@ -109,6 +132,9 @@ def lamp(kind):
     [
         ("one pixel", "all"),
         ("one pixel", "variance"),
+        ("two by two", "all"),
+        ("two by two", "variance"),
+        ("two by two", "halves"),
         ("filament", "all"),
         ("filament", "variance"),
         ("filament", "halves"),

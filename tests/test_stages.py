@@ -38,8 +38,35 @@ def test_door_and_exit_carry_every_dtype(engine, image, dtype):
     np.testing.assert_array_equal(back, alive)
 
 
+def test_door_and_exit_keep_every_half(engine):
+    """All 63488 numbers of 16 bits that are finite, to the bit, in rows whose last vector is not full."""
+    bits = np.arange(2**16, dtype=np.uint16)
+    numbers = bits[(bits & 0x7C00) != 0x7C00].view(np.float16)
+    image = np.resize(numbers, (numbers.size // 87 + 1, 29, 3))
+    source, _alive = door.upload(engine, image)
+    planes = door.door(engine, source, *image.shape[:2], engine.zeros(1))
+    np.testing.assert_array_equal(to_array(engine, planes), image)
+    target = door.Strided(engine.memory(image.nbytes), image.dtype, 3, 0, (87, 3, 1))
+    exit.leave(engine, planes, target)
+    np.testing.assert_array_equal(scalars(engine, target.buffer, image.size, np.uint16), image.ravel().view(np.uint16))
+
+
+@pytest.mark.parametrize("dtype", ["f2", "f4"])
+def test_exit_bounds_what_a_type_cannot_hold(engine, dtype):
+    most = np.finfo(dtype).max
+    image = np.full((3, 41, 3), 0.1, np.float32)
+    image[1, ::7], image[2, 1::5] = np.inf, -np.inf
+    target = door.Strided(engine.memory(image.nbytes), np.dtype(dtype), 3, 0, (123, 3, 1))
+    exit.leave(engine, to_planes(engine, image), target)
+    found = scalars(engine, target.buffer, image.size, np.dtype(dtype)).reshape(image.shape)
+    np.testing.assert_array_equal(found, np.clip(image, -most, most).astype(dtype))
+
+
 @pytest.mark.parametrize("image", GRAY)
-def test_door_of_one_channel(engine, image):
+@pytest.mark.parametrize("dtype", ["f2", "f4"])
+def test_door_of_one_channel(engine, image, dtype):
+    with np.errstate(over="ignore"):
+        image = np.minimum(image, 60000).astype(dtype)
     source, _alive = door.upload(engine, image)
     planes = door.door(engine, source, *image.shape, engine.zeros(1))
     assert planes.channels == 1

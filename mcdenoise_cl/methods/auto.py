@@ -135,7 +135,7 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     filtered = stack(engine, [current], 0)
 
     known = "color_variance" in planes
-    if known:
+    if known or "color_a" in planes:
         target = replace(target, noise=luminance_noise(engine, frame.raw_variance))
     found = compare(engine, current, noisy, target, tracking=0.0, limit=LIMIT, known=True)
     input_share = mix_in(engine, current, noisy, found, prior=1.0, doubt=KEEP, margin=p.caution)

@@ -8,6 +8,10 @@ from .box import box_mean
 
 #: Radius of the box, in pixels, whose mean luminance says what errors are relative to.
 LIGHT_RADIUS = 2
+#: The largest radius of windows whose rows are joined group by group.
+LARGEST_DIRECT = 2
+#: Pixels of a plane that a work-item on a CPU reads at a time.
+CHUNK = 512
 
 
 def box_fit(
@@ -59,34 +63,51 @@ def box_fit(
     count = features.channels if features else 0
     guides = [features] if features else []
     noises = [noise] if noise else []
-    defines = {"FEATURES": count, "BLOCK": block, "RADIUS": radius, **({"NOISE": None} if noise else {})}
     blocks = (engine.vectors(columns), rows)
+    chunk = engine.shape.width
+    if engine.shape.schedule == "tile":
+        chunk *= max(1, CHUNK // block**2 // chunk)
+    chunks = (-(-columns // chunk), rows)
+    defines = {"FEATURES": count, "BLOCK": block, "RADIUS": radius, "CHUNK": chunk}
+    if noise:
+        defines["NOISE"] = None
 
-    def launch(name: str, size: tuple[int, int], *arguments) -> None:
-        kernel = engine.kernel("box_fit.cl", f"box_fit_{name}", **defines)
+    def launch(name: str, size: tuple[int, int], *arguments, file: str = "box_fit.cl", **more: int) -> None:
+        kernel = engine.kernel(file, f"box_fit_{name}", **defines, **more)
         engine.launch("box fit", kernel, size, *arguments, single=True)
 
     light = engine.planes(1, height, width)
     launch("luminance", (engine.vectors(width), height), color, height, width, light)
     light = box_mean(engine, light, LIGHT_RADIUS)
 
+    def solved(groups: Planes) -> Planes:
+        """The function of each window."""
+        window = 2 * radius + 1
+        phase = first // block % window
+        stretches = -(-(rows + phase) // window)
+        fit = engine.planes(3 * (count + 1), rows, columns)
+        regularised = float(ridge), float(floor), fit
+        file = "box_fit_windows.cl"
+        if engine.shape.schedule == "tile" and radius <= LARGEST_DIRECT:
+            wide = engine.shape.tile[0]
+            size = -(-columns // wide), stretches
+            launch("windows", size, groups, rows, columns, phase, *regularised, file=file, COLUMNS=wide)
+            return fit
+        joined = engine.planes(groups.channels, columns, rows)
+        launch("columns", (stretches, engine.vectors(columns)), groups, rows, columns, phase, joined, file=file)
+        size = -(-columns // window), engine.vectors(rows)
+        launch("solve", size, joined, columns, rows, *regularised, file=file)
+        return fit
+
     def fitted(target: Planes) -> tuple[Planes, Planes]:
         """What the features explain of three planes, and the squares of what they do not."""
         group = 1 + (count + 3) + count * (count + 1) // 2 + 3 * count
-        groups, joined = engine.planes(group, rows, columns), engine.planes(group, columns, rows)
-        window = 2 * radius + 1
+        groups = engine.planes(group, rows, columns)
         numbers = height, width, float(relative), float(noise_ridge)
-        launch("blocks", blocks, light, target, *guides, *noises, *numbers, groups)
-        phase = first // block % window
-        size = -(-(rows + phase) // window), engine.vectors(columns)
-        launch("columns", size, groups, rows, columns, phase, joined)
-        fit = engine.planes(3 * (count + 1), rows, columns)
-        size = -(-columns // window), engine.vectors(rows)
-        launch("solve", size, joined, columns, rows, float(ridge), float(floor), fit)
-        del groups, joined
-        fit = box_mean(engine, fit, radius)
+        launch("blocks", chunks, light, target, *guides, *noises, *numbers, groups)
+        fit = box_mean(engine, solved(groups), radius)
         out, left = engine.planes(3, height, width), engine.planes(2, rows, columns)
-        launch("apply", blocks, fit, light, target, variance, *guides, height, width, float(relative), out, left)
+        launch("apply", chunks, fit, light, target, variance, *guides, height, width, float(relative), out, left)
         return out, left
 
     def restored(target: Planes, fit: Planes, out: Planes) -> None:

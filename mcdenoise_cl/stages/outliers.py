@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 from ..engine import Engine, Planes
-from .also import each_layer
+from .also import each_layer, hold_back_also
 from .box import box_mean
 from .pad import pad
+
+#: Pixels of a group stay if they stand out by more than so many standard deviations; one sample in many does by one.
+SIGNIFICANT_IN_GROUP = 1.5
+
+#: Removed light counts for light that is there, so what is too much of it is found step by step: each divides it by 25.
+ROUNDS = 5
 
 #: Removed light is blurred in blocks of so many pixels squared, if its blur is that much wider.
 SCALE, WIDER = 4, 8
@@ -15,6 +23,9 @@ def scale_outliers(
     engine: Engine, color: Planes, variance: Planes, limit: float, significant: float, by_chance: bool = True
 ) -> tuple[Planes, Planes]:
     """Scale pixels brighter than `limit` times the brightest of their eight neighbours down to that, in place.
+
+    Up to four in 5x5 that are 16 `limit` times as bright as all others there are scaled down to `limit` times the
+    brightest of those, if their deviation is known (`significant` finite) and they stand out by no more than 1.5.
 
     `variance` (three planes, of the pixel mean) is scaled with its colour. A pixel that stands out of its neighbours by
     more than `significant` standard deviations stays: it is no outlier but a small light, or texture. Its deviation is
@@ -29,13 +40,14 @@ def scale_outliers(
     bright = engine.planes(2, height, width)
     engine.launch("outliers", engine.kernel("outliers.cl", "brightest"), size, color, variance, height, width, bright)
     factor, removed = engine.planes(1, height, width), engine.planes(3, height, width)
-    arguments = pad(engine, bright, 1), color, variance, height, width, float(limit)
+    arguments = pad(engine, bright, 2), color, variance, height, width, float(limit)
     engine.launch(
         "outliers",
         engine.kernel("outliers.cl", "hold_back"),
         size,
         *arguments,
         float(significant),
+        min(SIGNIFICANT_IN_GROUP, significant) if math.isfinite(significant) else 0.0,
         float(by_chance),
         factor,
         removed,
@@ -53,6 +65,7 @@ def spread_removed(
 ) -> tuple[Planes, Planes | None]:
     """Give the removed energy back: blurred by three box means, half of it evenly, half in proportion to brightness.
 
+    Of a block of pixels no more than makes a twenty-fifth of the light around it: the rest is lost.
     To further layers likewise, what they lost, in proportion to the brightness of the image.
     """
     light = Light(engine, image.height, image.width, radius)
@@ -88,11 +101,29 @@ class Light:
 
     def blur(self) -> None:
         """All bands are collected."""
-        self._removed, bright = self._blurred(self._removed), self._engine.planes(1, *self._size)
-        self._launch("brightness", self._size[::-1], self._bright, self._removed, *self._size, bright)
-        self._bright = self._blurred(bright)
+        kept = self._limit()
+        self._removed = self._blurred(self._removed)
+        self._bright = self._blurred(self._brightness(self._removed, 0.5))
         if self._also_removed is not None:
+            hold_back_also(self._engine, self._also_removed, kept)
             self._also_removed = self._blurred(self._also_removed)
+
+    def _limit(self) -> Planes:
+        """Hold back what would outshine its surroundings: the part of each block's removed light that is left."""
+        limited = self._removed
+        out, kept = (self._engine.planes(channels, *self._size) for channels in (3, 1))
+        for _ in range(ROUNDS):
+            level = self._blurred(self._brightness(limited, 1.0))
+            limited = out
+            arguments = level, self._removed, *self._size, 2 * self._radius + 1, limited, kept
+            self._launch("limit_removed", self._size[::-1], *arguments)
+        self._removed = limited
+        return kept
+
+    def _brightness(self, removed: Planes, part: float) -> Planes:
+        out = self._engine.planes(1, *self._size)
+        self._launch("brightness", self._size[::-1], self._bright, removed, *self._size, part, out)
+        return out
 
     def give_back(self, image: Planes, first: int) -> Planes:
         """A filtered band, which begins with row `first`, with the light that it gets: three planes."""
