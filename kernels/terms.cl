@@ -52,6 +52,10 @@ inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int 
     for (int x = 0; x < columns; x += WIDTH) {
         for (int i = 0; i < WIDTH; i++)
             inside[i] = x + i < columns ? 1.f : 0.f;
+        /* A column has a sum of its own: one over all pixels rounds more than small components have. */
+        vec column[PAIRS];
+        for (int i = 0; i < PAIRS; i++)
+            column[i] = (vec)(0.f);
         for (int y = 0; y < rows; y++) {
             vec d[FEATURES];
             /* Unrolled, which some compilers do with constant bounds only: one runtime ends a work-item's loops after
@@ -63,9 +67,11 @@ inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int 
 #pragma unroll
                 for (int b = 0; b < FEATURES; b++)
                     if (b <= a)
-                        products[PAIR(a, b)] += d[a] * d[b];
+                        column[PAIR(a, b)] += d[a] * d[b];
             }
         }
+        for (int i = 0; i < PAIRS; i++)
+            products[i] += column[i];
     }
     const float one = 1.f / (rows * columns);
     for (int a = 0; a < FEATURES; a++) {

@@ -179,7 +179,8 @@ def test_device_arrays(method, device):
     scene = scene_of("structured", 37, 101)
     also = split(scene["color"]) | {"double": scene["color"].astype("f2")}
     expected = denoise(Frame(**scene), method=method, also=also, details=True)
-    queue = cl.CommandQueue(cl.Context([device]), device)
+    context = cl.Context([device])  # kept: upstream/intel_context.py
+    queue = cl.CommandQueue(context, device)
     frame = Frame(**{name: cl_array.to_device(queue, plane) for name, plane in scene.items()})
     wide = {name: cl_array.to_device(queue, np.repeat(layer, 2, axis=1))[:, ::2] for name, layer in also.items()}
     found = denoise(frame, method=method, also=wide, details=True)
@@ -243,14 +244,16 @@ def test_what_layers_must_be(also, message):
 
 
 def test_layers_lie_where_the_frame_does(device):
-    queue = cl.CommandQueue(cl.Context([device]), device)
+    context = cl.Context([device])  # kept: upstream/intel_context.py
+    queue = cl.CommandQueue(context, device)
     color = np.ones((13, 17, 3), np.float32)
     on_device = cl_array.to_device(queue, color)
     with pytest.raises(FrameError, match=r"also\['a'\] is a device array but color is a NumPy array"):
         denoise(color, method="nlm", also={"a": on_device})
     with pytest.raises(FrameError, match=r"also\['a'\] is a NumPy array but color is a device array"):
         denoise(on_device, method="nlm", also={"a": color})
-    other = cl_array.to_device(cl.CommandQueue(cl.Context([device]), device), color)
+    other_context = cl.Context([device])
+    other = cl_array.to_device(cl.CommandQueue(other_context, device), color)
     with pytest.raises(FrameError, match=r"also.a lies in another OpenCL context"):
         denoise(on_device, method="nlm", also={"a": other})
 

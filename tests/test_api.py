@@ -222,7 +222,7 @@ def test_misuse_of_device_arrays_is_explained(queue, device):
         denoise(color.with_queue(None))
     with pytest.raises(FrameError, match="out is host memory"):
         denoise(color, out=np.zeros_like(host))
-    other_context = cl.Context([device])  # kept: some drivers free it with its last name
+    other_context = cl.Context([device])  # kept: upstream/intel_context.py
     elsewhere = cl.CommandQueue(other_context, device)
     with pytest.raises(FrameError, match="another OpenCL context"):
         denoise(Frame(color, albedo=cl_array.to_device(elsewhere, host), normal=color))
