@@ -12,8 +12,8 @@ from .pad import pad
 #: Pixels of a group stay if they stand out by more than so many standard deviations; one sample in many does by one.
 SIGNIFICANT_IN_GROUP = 1.5
 
-#: Light removed around counts for light that is there, so what is too much is found step by step: each leaves less than a
-#: twentieth of what several blocks side by side have too much.
+#: Light that was removed around a block counts for light that is there, so what several have too much is found step by
+#: step.
 ROUNDS = 3
 
 #: Removed light is blurred in blocks of so many pixels squared, if its blur is that much wider.
