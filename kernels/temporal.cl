@@ -77,9 +77,9 @@ inline float kept(float x, float first, float last)
 #define WITH_NORMAL(A, B)
 #endif
 #ifdef DEPTH
-#define BOTH(A, B) (fabs(A(DEPTH)) + fabs(B(DEPTH)) + 1e-15f)
+#define BOTH(A, B) (fabs(A(DEPTH)) + fabs(B(DEPTH)))
 #define WITH_DEPTH(A, B)                                                                                               \
-    +EXCESS(SQUARE((A(DEPTH) - B(DEPTH)) / BOTH(A, B)), NOISE(A, B, DEPTH_NOISE) / BOTH(A, B) / BOTH(A, B), DEPTH2)
+    +EXCESS(SQUARE(A(DEPTH) - B(DEPTH)), NOISE(A, B, DEPTH_NOISE), DEPTH2 *SQUARE(BOTH(A, B)) + 1e-30f)
 #else
 #define WITH_DEPTH(A, B)
 #endif
@@ -114,7 +114,7 @@ kernel void match_costs(CONST_PLANES(own), CONST_PLANES(other), int height, int 
         global const float *a = own + INDEX(own, 0, y, left);
         global const float *b = other + INDEX(other, 0, y + dy, left + dx);
         const float8 each = MISMATCH(OWN, OTHER);
-        sum += select((float8)(0.f), fmin(each, MOST), inside);
+        sum += inside ? (each < MOST ? each : (float8)(MOST)) : (float8)(0.f);
     }
     AT(out, offset, get_global_id(1), get_global_id(0)) = total8(sum);
 }
@@ -347,34 +347,36 @@ kernel void weigh(CONST_PLANES(mismatch), CONST_PLANES(light), int height, int w
  * what was held back of an outlier (factor: what was left of each pixel) is not spread over four pixels but stays one,
  * so that it can be told from light. A variance below 0 is not known, and neither is its sum. */
 kernel void accumulate(CONST_PLANES(other), CONST_PLANES(factor), CONST_PLANES(weights), CONST_PLANES(motion),
-                       int block, int height, int width, int squared, int light, PLANES(sum))
+                       int block, int channels, int height, int width, int squared, int light, PLANES(sum))
 {
-    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
     const taps t = TAPS;
-    float gained = 0.f, of_all = 0.f, most = -1.f;
+    float part[4], weight[4], of_all = 0.f;
     int nearest = 0;
-    bool known = true;
     for (int i = 0; i < 4; i++) {
-        const float w = AT(weights, i, y, x), value = AT(other, c, t.y[i / 2], t.x[i % 2]);
-        const float f = light ? AT(factor, 0, t.y[i / 2], t.x[i % 2]) : 1.f;
-        gained += squared ? SQUARE(w * f) * value : w * f * value;
-        known = known && (!squared || w == 0.f || value >= 0.f);
-        of_all += w;
-        if (t.weight[i] > most) {
-            most = t.weight[i];
-            nearest = i;
+        weight[i] = AT(weights, i, y, x);
+        part[i] = weight[i] * (light ? AT(factor, 0, t.y[i / 2], t.x[i % 2]) : 1.f);
+        of_all += weight[i];
+        nearest = t.weight[i] > t.weight[nearest] ? i : nearest;
+    }
+    if (of_all == 0.f)
+        return;
+    const int v = t.y[nearest / 2], u = t.x[nearest % 2];
+    const float left = light ? AT(factor, 0, v, u) : 1.f;
+    const float held = squared ? SQUARE(of_all) * (1.f - left * left) : of_all * (1.f - left);
+    for (int c = 0; c < channels; c++) {
+        float gained = light ? held * AT(other, c, v, u) : 0.f;
+        bool known = !squared || !light || AT(other, c, v, u) >= 0.f;
+        for (int i = 0; i < 4; i++) {
+            const float value = AT(other, c, t.y[i / 2], t.x[i % 2]);
+            gained += (squared ? SQUARE(part[i]) : part[i]) * value;
+            known = known && (!squared || weight[i] == 0.f || value >= 0.f);
         }
+        const float before = AT(sum, c, y, x);
+        AT(sum, c, y, x) = squared && (before < 0.f || !known) ? -1.f : before + gained;
     }
-    if (light) {
-        const int v = t.y[nearest / 2], u = t.x[nearest % 2];
-        const float f = AT(factor, 0, v, u), value = AT(other, c, v, u);
-        gained += squared ? SQUARE(of_all) * (1.f - f * f) * value : of_all * (1.f - f) * value;
-        known = known && (!squared || of_all == 0.f || value >= 0.f);
-    }
-    const float before = AT(sum, c, y, x);
-    AT(sum, c, y, x) = squared && (before < 0.f || !known) ? -1.f : before + gained;
 }
 
 /* out = sum / total, or, of variances, over its square. */

@@ -143,8 +143,8 @@ def accumulate(engine: Engine, sums: Planes, other: Planes, weights: Weights, *,
     block = _block(weights.motion, weights.look)
     kernel = _kernel(engine, "accumulate", weights.look)
     height, width = sums.height, sums.width
-    arguments = other, weights.look.factor, weights.taps, weights.motion, block, height, width
-    engine.launch("merge", kernel, (width, height, sums.channels), *arguments, int(squared), int(light), sums)
+    arguments = other, weights.look.factor, weights.taps, weights.motion, block, sums.channels, height, width
+    engine.launch("merge", kernel, (width, height), *arguments, int(squared), int(light), sums)
 
 
 def normalise(engine: Engine, sums: Planes, total: Planes, look: Look, *, squared: bool) -> Planes:
