@@ -3,7 +3,8 @@
     python bench/merging.py [--size 1280 720] [--calls 9]
 
 A frame, continued by its mirror images to the size, and copies of it that have moved by a pixel, are denoised with
-`guided`, alone and with two neighbours. Given is the fastest call of each stage, and what a neighbour adds to it.
+`guided`, alone and with two neighbours. Given is the fastest call of each stage, which is disturbed least by whatever
+else the machine does, and what a neighbour adds to it.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ def main() -> None:
     denoiser = Denoiser(height, width, method="guided")
     near = [moved(frame, 1), moved(frame, -1)]
     alone, merged = (fastest(denoiser, frame, beside, options.calls) for beside in ([], near))
+    alone["all"], merged["all"] = sum(alone.values()), sum(merged.values())
     rows = [
         (name, f"{alone.get(name, 0.0):.1f}", f"{merged[name]:.1f}", f"{(merged[name] - alone.get(name, 0.0)) / 2:.1f}")
         for name in merged
