@@ -2,8 +2,8 @@
  *
  * A pixel brighter than `limit` times the brightest of its eight neighbours is scaled down to that, hue and all. So is
  * one of a small group of fireflies, which hide each other: GROUP pixels that are CONTRAST times as bright as what else
- * there is in 5x5 pixels. What was removed is kept as an image, to be spread over the surroundings afterwards: fireflies are rare samples of
- * light that is really there, and without it a picture of few samples is too dark.
+ * there is in 5x5 pixels. What was removed is kept as an image, to be spread over the surroundings afterwards: fireflies
+ * are rare samples of light that is really there, and without it a picture of few samples is too dark.
  */
 #include "common.h"
 

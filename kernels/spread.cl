@@ -56,17 +56,20 @@ inline float left_in_place(int i, int n, int box)
     return sum / box;
 }
 
-/* What was removed from each block, as far as its blur is no more than MOST_LIGHT of the `level` at its place; and the
- * part of it that this is. */
-kernel void limit_removed(CONST_PLANES(level), CONST_PLANES(removed), int down, int across, int box, PLANES(limited),
-                          PLANES(kept))
+/* What was removed from each block, as far as its blur makes no more than MOST_LIGHT of the light at its place; and the
+ * part of it that this is. level: the light there with `counted` of what was removed, of which the block's own is taken
+ * off again. */
+kernel void limit_removed(CONST_PLANES(level), CONST_PLANES(removed), CONST_PLANES(counted), int down, int across,
+                          int box, PLANES(limited), PLANES(kept))
 {
     const int bx = get_global_id(0), by = get_global_id(1);
     if (bx >= across || by >= down)
         return;
-    const float mean = (AT(removed, 0, by, bx) + AT(removed, 1, by, bx) + AT(removed, 2, by, bx)) / 3.f;
-    const float alone = mean * left_in_place(by, down, box) * left_in_place(bx, across, box);
-    const float most = MOST_LIGHT * larger(AT(level, 0, by, bx), 0.f), part = alone > most ? most / alone : 1.f;
+    const float in_place = left_in_place(by, down, box) * left_in_place(bx, across, box) / 3.f;
+    const float alone = in_place * (AT(removed, 0, by, bx) + AT(removed, 1, by, bx) + AT(removed, 2, by, bx));
+    const float own = in_place * (AT(counted, 0, by, bx) + AT(counted, 1, by, bx) + AT(counted, 2, by, bx));
+    const float most = MOST_LIGHT / (1.f - MOST_LIGHT) * larger(AT(level, 0, by, bx) - own, 0.f);
+    const float part = alone > most ? most / alone : 1.f;
     for (int c = 0; c < 3; c++)
         AT(limited, c, by, bx) = part * AT(removed, c, by, bx);
     AT(kept, 0, by, bx) = part;

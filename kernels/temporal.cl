@@ -4,8 +4,10 @@
  *
  * q_i are the four pixels of neighbour k around the place to which p has moved. Features tell where that is: of every
  * block of 8x8 pixels and those around it, the displacement at which they differ least beyond their noise, to a part of
- * a pixel; or motion vectors do, in blocks where they cost no more than that. Then each of the four, each pixel and its surroundings are tested: what differs in its features, or in light
- * by more than its noise, is left out. All frames are laid out alike, without borders but for those of match_costs.
+ * a pixel; or motion vectors do, in blocks where they cost no more than that. Then each of the four, each pixel and its
+ * surroundings are tested: what differs in its features is left out. What differs in light by more than its noise V gets
+ * the weight of least error, V / (V + B), B the squared difference that noise does not explain. All frames are laid out
+ * alike, without borders but for those of match_costs.
  *
  * A guide holds the planes of the features, then for each feature the sum of its channels' variances. Light is three
  * planes of colour, outliers held back, and the sum of their variances.
@@ -35,21 +37,23 @@
 #define TIE 1e-3f
 
 /* Each of the four pixels: kept up to FIRST, left out from LAST on, with a smooth step between; the pixel with all of
- * them; its light, where 1 is twice the noise. */
+ * them, as a mean over 3x3. */
 #define TAP_FIRST 1.f
 #define TAP_LAST 4.f
 #define PIXEL_FIRST 1.f
 #define PIXEL_LAST 3.f
-#define LIGHT_FIRST 0.6f
-#define LIGHT_LAST 2.f
-/* And that of the pixel alone, beside edges of suns and lamps: squared difference over noise. One bright sample in nine
- * pixels makes 9. */
+/* Each of the four with a doubt that shrinks by STAKE times what it would cost to take the one for the other: a pixel of
+ * wall, and one that a lamp a hundred times as bright has a part in. */
+#define EDGE_FIRST 4.f
+#define EDGE_LAST 12.f
+#define STAKE 0.1f
+/* Its light alone: squared difference over noise. */
 #define SPIKE_FIRST 16.f
 #define SPIKE_LAST 36.f
-/* Where the noise is guessed from the image, which takes edges for noise: brightness that differs by this part of the
- * sum of both. */
-#define GAIN_FIRST 0.25f
-#define GAIN_LAST 0.5f
+/* Light is relative to the darker of two pixels, as errors are, but not to less than this, squared. */
+#define DARK2 0.01f
+/* A mean that differs by two standard deviations may do so by chance. */
+#define CHANCE 4.f
 
 inline float kept(float x, float first, float last)
 {
@@ -73,9 +77,9 @@ inline float kept(float x, float first, float last)
 #define WITH_NORMAL(A, B)
 #endif
 #ifdef DEPTH
-#define BOTH(A, B) (fabs(A(DEPTH)) + fabs(B(DEPTH)) + 1e-15f)
+#define BOTH(A, B) (fabs(A(DEPTH)) + fabs(B(DEPTH)))
 #define WITH_DEPTH(A, B)                                                                                               \
-    +EXCESS(SQUARE((A(DEPTH) - B(DEPTH)) / BOTH(A, B)), NOISE(A, B, DEPTH_NOISE) / BOTH(A, B) / BOTH(A, B), DEPTH2)
+    +EXCESS(SQUARE(A(DEPTH) - B(DEPTH)), NOISE(A, B, DEPTH_NOISE), DEPTH2 *SQUARE(BOTH(A, B)) + 1e-30f)
 #else
 #define WITH_DEPTH(A, B)
 #endif
@@ -110,7 +114,7 @@ kernel void match_costs(CONST_PLANES(own), CONST_PLANES(other), int height, int 
         global const float *a = own + INDEX(own, 0, y, left);
         global const float *b = other + INDEX(other, 0, y + dy, left + dx);
         const float8 each = MISMATCH(OWN, OTHER);
-        sum += select((float8)(0.f), fmin(each, MOST), inside);
+        sum += inside ? (each < MOST ? each : (float8)(MOST)) : (float8)(0.f);
     }
     AT(out, offset, get_global_id(1), get_global_id(0)) = total8(sum);
 }
@@ -192,12 +196,18 @@ inline taps taps_of(CONST_PLANES(motion), int block, int height, int width, int 
 }
 #define TAPS taps_of(motion, motion_origin, motion_row, motion_plane, block, height, width, y, x)
 
-/* Five planes of tests: the mismatch of a pixel and what has become of it, their squared difference in light, the
- * variance of that, and the brightness of both. And the weights of the four pixels: their sum is 1, or less. */
 #define GUIDE (CHANNELS + GROUPS)
 #define HERE(c) here[c]
 #define THERE(c) there[c]
 #define MOVED(c) moved[c]
+#define STRICT(c) strict[c]
+#define LIGHT(c) AT(light, c, y, x)
+#define LIGHT_THERE(c) light_there[c]
+#define COLORS(c) colors[c]
+
+/* What squared differences of light are relative to: 1 over the square of the darker of two. */
+#define MEAN3(A) ((A(0) + A(1) + A(2)) / 3.f)
+#define RELATIVE(A, B) (1.f / (SQUARE(fmin(fabs(MEAN3(A)), fabs(MEAN3(B)))) + DARK2))
 
 /* Two planes of blocks: the sum of the mismatches where motion vectors lead, each to the nearest pixel, and how many of
  * the vectors stay in the picture. */
@@ -248,6 +258,10 @@ kernel void choose_motion(CONST_PLANES(found), CONST_PLANES(costs), CONST_PLANES
     for (int c = 0; c < 2; c++)
         AT(out, c, y, x) = kept_as_given ? AT(motion, c, y, x) : AT(found, c, down, across);
 }
+
+/* Eight planes of tests: the mismatch of a pixel and what has become of it; their squared difference in light and its
+ * variance, relative to the darker of the two, and as they are; the relative difference of each channel. And the weights
+ * of the four pixels: their sum is 1, or less. */
 kernel void compare(CONST_PLANES(own), CONST_PLANES(other), CONST_PLANES(light), CONST_PLANES(other_light),
                     CONST_PLANES(motion), int block, int height, int width, PLANES(tests), PLANES(weights))
 {
@@ -255,51 +269,71 @@ kernel void compare(CONST_PLANES(own), CONST_PLANES(other), CONST_PLANES(light),
     if (x >= width || y >= height)
         return;
     const taps t = TAPS;
-    float here[GUIDE], moved[GUIDE], colors[4] = {0.f, 0.f, 0.f, 0.f}, weight[4], sum = 0.f;
+    float here[GUIDE], moved[GUIDE], colors[4] = {0.f, 0.f, 0.f, 0.f}, weight[4], sum = 0.f, same = 0.f;
     for (int c = 0; c < GUIDE; c++) {
         here[c] = AT(own, c, y, x);
         moved[c] = 0.f;
     }
     for (int i = 0; i < 4; i++) {
-        float there[GUIDE];
+        float there[GUIDE], strict[GUIDE], light_there[3];
         for (int c = 0; c < GUIDE; c++)
             there[c] = AT(other, c, t.y[i / 2], t.x[i % 2]);
-        weight[i] = t.weight[i] * (1e-3f + kept(MISMATCH(HERE, THERE), TAP_FIRST, TAP_LAST));
+        weight[i] = kept(MISMATCH(HERE, THERE), TAP_FIRST, TAP_LAST);
+        for (int c = 0; c < 3; c++)
+            light_there[c] = AT(other_light, c, t.y[i / 2], t.x[i % 2]);
+        /* Where the one is all of a piece and the other is not, the doubt is between the variances of both. */
+        const float doubt = 1.f / (1.f + STAKE * SQUARES3(LIGHT, LIGHT_THERE, 0) * RELATIVE(LIGHT, LIGHT_THERE));
+        for (int c = 0; c < CHANNELS; c++)
+            strict[c] = here[c];
+        for (int c = CHANNELS; c < GUIDE; c++) {
+            const float least = fmin(here[c], there[c]);
+            strict[c] = BLEND(least, here[c], doubt);
+            there[c] = BLEND(least, there[c], doubt);
+        }
+        const float same_thing = kept(MISMATCH(STRICT, THERE), EDGE_FIRST, EDGE_LAST);
+        same += t.weight[i] * same_thing;
+        weight[i] = t.weight[i] * (1e-3f + weight[i] * same_thing);
         sum += weight[i];
     }
+    const bool found = sum > 0.f;
     for (int i = 0; i < 4; i++) {
-        const float w = sum > 0.f ? weight[i] / sum : 0.f;
+        const float w = found ? weight[i] / sum : 0.f;
         for (int c = 0; c < GUIDE; c++)
             moved[c] += (c < CHANNELS ? w : w * w) * AT(other, c, t.y[i / 2], t.x[i % 2]);
         for (int c = 0; c < 4; c++)
             colors[c] += (c < 3 ? w : w * w) * AT(other_light, c, t.y[i / 2], t.x[i % 2]);
     }
-    float squares = 0.f;
-    for (int c = 0; c < 3; c++)
-        squares += SQUARE(AT(light, c, y, x) - colors[c]);
-    const float noise = AT(light, 3, y, x) + colors[3];
-    const float same = kept(squares / (noise + 1e-9f), SPIKE_FIRST, SPIKE_LAST);
+    const float squares = SQUARES3(LIGHT, COLORS, 0), noise = AT(light, 3, y, x) + colors[3];
+    const float relative = RELATIVE(LIGHT, COLORS);
+    same *= kept(squares / (noise + 1e-9f), SPIKE_FIRST, SPIKE_LAST);
     for (int i = 0; i < 4; i++)
-        AT(weights, i, y, x) = sum > 0.f ? same * weight[i] / sum : 0.f;
-    AT(tests, 0, y, x) = sum > 0.f ? fmin(MISMATCH(HERE, MOVED), MOST) : MOST;
-    AT(tests, 1, y, x) = sum > 0.f ? squares : 0.f;
-    AT(tests, 2, y, x) = sum > 0.f ? noise : 0.f;
-    AT(tests, 3, y, x) = AT(light, 0, y, x) + AT(light, 1, y, x) + AT(light, 2, y, x);
-    AT(tests, 4, y, x) = sum > 0.f ? colors[0] + colors[1] + colors[2] : AT(tests, 3, y, x);
+        AT(weights, i, y, x) = found ? same * weight[i] / sum : 0.f;
+    AT(tests, 0, y, x) = found ? fmin(MISMATCH(HERE, MOVED), MOST) : MOST;
+    AT(tests, 1, y, x) = found ? relative * squares : 0.f;
+    AT(tests, 2, y, x) = found ? relative * noise : 0.f;
+    AT(tests, 3, y, x) = found ? squares : 0.f;
+    AT(tests, 4, y, x) = found ? noise : 0.f;
+    for (int c = 0; c < 3; c++)
+        AT(tests, 5 + c, y, x) = found ? sqrt(relative) * (AT(light, c, y, x) - colors[c]) : 0.f;
 }
 
 /* In place: the weights of the four pixels times that of what they make. The sum of the weights of all frames grows by
- * it. The mismatch comes as its mean over 3x3, the light over 7x7. */
-kernel void weigh(CONST_PLANES(mismatch), CONST_PLANES(light), int height, int width, int guessed, PLANES(weights),
-                  PLANES(total))
+ * it. The mismatch comes as its mean over 3x3, the tests of light over PIXELS.
+ *
+ * noise = 2 V, so excess over noise is B / 2V. Noise averages out further on, in whatever filter comes next, but a
+ * difference that the whole surroundings share does not, so it counts as often as there are pixels. */
+kernel void weigh(CONST_PLANES(mismatch), CONST_PLANES(light), int height, int width, PLANES(weights), PLANES(total))
 {
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const float excess = AT(light, 0, y, x) / (AT(light, 1, y, x) + 1e-9f) - 1.f;
-    const float a = AT(light, 2, y, x), b = AT(light, 3, y, x), gain = fabs(a - b) / (fabs(a) + fabs(b) + 1e-9f);
-    float w = kept(AT(mismatch, 0, y, x), PIXEL_FIRST, PIXEL_LAST) * kept(excess, LIGHT_FIRST, LIGHT_LAST);
-    w *= guessed ? kept(gain, GAIN_FIRST, GAIN_LAST) : 1.f;
+    const float noise = AT(light, 1, y, x) + 1e-9f, plain_noise = AT(light, 3, y, x) + 1e-9f;
+    const float excess = fmax(AT(light, 0, y, x) / noise, AT(light, 2, y, x) / plain_noise) - 1.f;
+    float shared = 0.f;
+    for (int c = 4; c < 7; c++)
+        shared += SQUARE(AT(light, c, y, x)) * (PIXELS / noise);
+    const float w = kept(AT(mismatch, 0, y, x), PIXEL_FIRST, PIXEL_LAST) /
+                    (1.f + 2.f * (fmax(excess, 0.f) + fmax(shared - CHANCE, 0.f)));
     float sum = 0.f;
     for (int i = 0; i < 4; i++) {
         const float weight = w * AT(weights, i, y, x);
@@ -313,34 +347,36 @@ kernel void weigh(CONST_PLANES(mismatch), CONST_PLANES(light), int height, int w
  * what was held back of an outlier (factor: what was left of each pixel) is not spread over four pixels but stays one,
  * so that it can be told from light. A variance below 0 is not known, and neither is its sum. */
 kernel void accumulate(CONST_PLANES(other), CONST_PLANES(factor), CONST_PLANES(weights), CONST_PLANES(motion),
-                       int block, int height, int width, int squared, int light, PLANES(sum))
+                       int block, int channels, int height, int width, int squared, int light, PLANES(sum))
 {
-    const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
+    const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
     const taps t = TAPS;
-    float gained = 0.f, of_all = 0.f, most = -1.f;
+    float part[4], weight[4], of_all = 0.f;
     int nearest = 0;
-    bool known = true;
     for (int i = 0; i < 4; i++) {
-        const float w = AT(weights, i, y, x), value = AT(other, c, t.y[i / 2], t.x[i % 2]);
-        const float f = light ? AT(factor, 0, t.y[i / 2], t.x[i % 2]) : 1.f;
-        gained += squared ? SQUARE(w * f) * value : w * f * value;
-        known = known && (!squared || w == 0.f || value >= 0.f);
-        of_all += w;
-        if (t.weight[i] > most) {
-            most = t.weight[i];
-            nearest = i;
+        weight[i] = AT(weights, i, y, x);
+        part[i] = weight[i] * (light ? AT(factor, 0, t.y[i / 2], t.x[i % 2]) : 1.f);
+        of_all += weight[i];
+        nearest = t.weight[i] > t.weight[nearest] ? i : nearest;
+    }
+    if (of_all == 0.f)
+        return;
+    const int v = t.y[nearest / 2], u = t.x[nearest % 2];
+    const float left = light ? AT(factor, 0, v, u) : 1.f;
+    const float held = squared ? SQUARE(of_all) * (1.f - left * left) : of_all * (1.f - left);
+    for (int c = 0; c < channels; c++) {
+        float gained = light ? held * AT(other, c, v, u) : 0.f;
+        bool known = !squared || !light || AT(other, c, v, u) >= 0.f;
+        for (int i = 0; i < 4; i++) {
+            const float value = AT(other, c, t.y[i / 2], t.x[i % 2]);
+            gained += (squared ? SQUARE(part[i]) : part[i]) * value;
+            known = known && (!squared || weight[i] == 0.f || value >= 0.f);
         }
+        const float before = AT(sum, c, y, x);
+        AT(sum, c, y, x) = squared && (before < 0.f || !known) ? -1.f : before + gained;
     }
-    if (light) {
-        const int v = t.y[nearest / 2], u = t.x[nearest % 2];
-        const float f = AT(factor, 0, v, u), value = AT(other, c, v, u);
-        gained += squared ? SQUARE(of_all) * (1.f - f * f) * value : of_all * (1.f - f) * value;
-        known = known && (!squared || of_all == 0.f || value >= 0.f);
-    }
-    const float before = AT(sum, c, y, x);
-    AT(sum, c, y, x) = squared && (before < 0.f || !known) ? -1.f : before + gained;
 }
 
 /* out = sum / total, or, of variances, over its square. */

@@ -309,8 +309,9 @@ def spread_removed(image: np.ndarray, removed: np.ndarray, radius: int) -> np.nd
     brightness = B³ mean(image + R / 2), B the mean over (2r+1)² blocks, r the radius over the side, rounded; both
     linear between blocks. The result is (image + R / 2) (1 + (mean R / 2) / max(brightness, mean R, 1e-9)).
 
-    r is what was removed, f_5 of it: f_k = min(1, max(0, 0.04 L_k) / (w mean removed)), L_k = B³ mean(image + f_(k-1)
-    removed), f_0 = 1, w the product of `left_in_place` down and across.
+    r is what was removed, f_3 of it: f_k = min(1, max(0, L_k - f_(k-1) a) / 24 a), a = w mean removed, w the product of
+    `left_in_place` down and across, L_k = B³ mean(image + f_(k-1) removed), f_0 = 1: so what a block gives to its own
+    place becomes 0.04 of what is there.
     """
     side = 4 if radius >= 32 else 1
     height, width = image.shape[:2]
@@ -323,8 +324,8 @@ def spread_removed(image: np.ndarray, removed: np.ndarray, radius: int) -> np.nd
     down, across = image_blocks.shape
     alone = removed.mean(axis=-1) * np.outer(left_in_place(down, 2 * r + 1), left_in_place(across, 2 * r + 1))
     part = np.ones((down, across))
-    for _ in range(5):
-        most = np.maximum(0.04 * spread(image_blocks + part * removed.mean(axis=-1)), 0.0)
+    for _ in range(3):
+        most = np.maximum(spread(image_blocks + part * removed.mean(axis=-1)) - part * alone, 0.0) / 24.0
         part = np.where(alone > most, most / np.where(alone > most, alone, 1.0), 1.0)
     light = spread(part[..., None] * removed)
     level = spread(image_blocks + light.mean(axis=-1) / 2.0)

@@ -16,7 +16,8 @@ import oracle_regression
 RADIUS, BLOCK, FARTHEST = 4, 8, 64
 MOST, STAY, BENT, SNAP, TIE = 8.0, 0.05, 0.1, 0.15, 1e-3
 TOLERANCE = {"albedo": 0.05**2, "normal": 0.1**2, "depth": 0.05**2}
-TAP, PIXEL, LIGHT, SPIKE, GAIN = (1.0, 4.0), (1.0, 3.0), (0.6, 2.0), (16, 36), (0.25, 0.5)
+TAP, PIXEL, EDGE, SPIKE = (1.0, 4.0), (1.0, 3.0), (4.0, 12.0), (16, 36)
+STAKE, DARK2, CHANCE, PIXELS = 0.1, 0.01, 4.0, 49
 
 
 def kept(x: np.ndarray, first: float, last: float) -> np.ndarray:
@@ -35,7 +36,7 @@ def guide(features: Mapping[str, tuple[np.ndarray, np.ndarray | None]]) -> np.nd
         plane = np.atleast_3d(plane).astype(float)
         planes.append(np.clip(plane, 0, 1) if name == "albedo" else plane)
         noise = np.zeros(plane.shape[:2]) if variance is None else np.atleast_3d(variance).astype(float).sum(-1)
-        noises.append(oracle.box_mean(noise[..., None], 1))
+        noises.append(noise[..., None])
     return np.concatenate(planes + noises, -1)
 
 
@@ -168,6 +169,28 @@ def taps_of(motion: np.ndarray, height: int, width: int) -> Taps:
     return Taps(np.stack(ys, -1).astype(int), np.stack(xs, -1).astype(int), np.stack(weights, -1))
 
 
+def relative_to_darker(light: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """What squared differences of light are relative to, one over it."""
+    darker = np.minimum(abs(light[..., :3].mean(-1)), abs(other[..., :3].mean(-1)))
+    return 1 / (darker**2 + DARK2)
+
+
+def strict_mismatch(
+    own: np.ndarray, taps: np.ndarray, light: np.ndarray, taps_light: np.ndarray, names: Sequence[str]
+) -> np.ndarray:
+    """(H, W, 4): the mismatch where the noise of the noisier of two counts the less, the more they differ in light."""
+    own, light = np.broadcast_to(own[..., None, :], taps.shape), light[..., None, :]
+    squares = ((light[..., :3] - taps_light[..., :3]) ** 2).sum(-1)
+    doubt = 1 / (1 + STAKE * relative_to_darker(light, taps_light) * squares)[..., None]
+    first = sum(channel_counts(names))
+    least = np.minimum(own[..., first:], taps[..., first:])
+    a, b = (
+        np.concatenate([image[..., :first], doubt * image[..., first:] + (1 - doubt) * least], -1)
+        for image in (own, taps)
+    )
+    return mismatch(a, b, names)
+
+
 def weigh(
     own: np.ndarray,
     other: np.ndarray,
@@ -175,12 +198,12 @@ def weigh(
     other_light: np.ndarray,
     motion: np.ndarray,
     names: Sequence[str],
-    guessed: bool,
 ) -> np.ndarray:
     """(H, W, 4): the weights of the four pixels. `light` is (H, W, 4): colour and the sum of its variances."""
     height, width = own.shape[:2]
     taps = taps_of(motion, height, width)
-    weights = taps.weight * (1e-3 + kept(mismatch(own[..., None, :], taps.of(other), names), *TAP))
+    same_thing = kept(strict_mismatch(own, taps.of(other), light, taps.of(other_light), names), *EDGE)
+    weights = taps.weight * (1e-3 + kept(mismatch(own[..., None, :], taps.of(other), names), *TAP) * same_thing)
     sums = weights.sum(-1, keepdims=True)
     weights = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0)
 
@@ -192,18 +215,22 @@ def weigh(
 
     there = sums[..., 0] > 0
     counts = channel_counts(names)
-    differs = np.where(there, np.minimum(mismatch(own, moved(other, sum(counts)), names), MOST), MOST)
-    seen = np.where(there[..., None], moved(other_light, 3), light)
-    squares = np.where(there, ((light[..., :3] - seen[..., :3]) ** 2).sum(-1), 0)
+    found, seen = moved(other, sum(counts)), moved(other_light, 3)
+    differs = np.where(there, np.minimum(mismatch(own, found, names), MOST), MOST)
+    difference = np.where(there[..., None], light[..., :3] - seen[..., :3], 0)
+    squares = (difference**2).sum(-1)
     noise = np.where(there, light[..., 3] + seen[..., 3], 0)
-    weights = weights * kept(squares / (noise + 1e-9), *SPIKE)[..., None]
-    differs, squares, noise = (
-        oracle.box_mean(image[..., None], radius)[..., 0] for image, radius in ((differs, 1), (squares, 3), (noise, 3))
-    )
-    a, b = (oracle.box_mean(each[..., :3].sum(-1, keepdims=True), 3)[..., 0] for each in (light, seen))
-    if guessed:
-        weights = weights * kept(abs(a - b) / (abs(a) + abs(b) + 1e-9), *GAIN)[..., None]
-    return weights * (kept(differs, *PIXEL) * kept(squares / (noise + 1e-9) - 1, *LIGHT))[..., None]
+    same = (taps.weight * same_thing).sum(-1) * kept(squares / (noise + 1e-9), *SPIKE)
+    relative = relative_to_darker(light, seen)
+
+    def around(image: np.ndarray, radius: int = 3) -> np.ndarray:
+        return oracle.box_mean(np.atleast_3d(image), radius).reshape(image.shape)
+
+    of_noise = around(relative * noise) + 1e-9
+    excess = np.maximum(around(relative * squares) / of_noise, around(squares) / (around(noise) + 1e-9)) - 1
+    shift = PIXELS * (around(np.sqrt(relative)[..., None] * difference) ** 2).sum(-1) / of_noise
+    least_squares = 1 / (1 + 2 * np.maximum(excess, 0) + 2 * np.maximum(shift - CHANCE, 0))
+    return weights * (same * kept(around(differs, 1), *PIXEL) * least_squares)[..., None]
 
 
 def gained(
@@ -245,11 +272,14 @@ def look(
         color, 1.1, variance, oracle_regression.significance(planes), oracle_regression.by_chance(planes)
     )
     variance = variance * factor[..., None] ** 2
-    light = np.concatenate([held, oracle.box_mean(variance.sum(-1, keepdims=True), 1)], -1)
+    noise = variance.sum(-1, keepdims=True)
+    if not {"color_variance", "color_a"} & set(planes):
+        noise = oracle.box_mean(noise, 1)
+    light = np.concatenate([held, noise], -1)
     names = [name for name in ("albedo", "normal", "depth") if name in planes]
     features = {name: (planes[name], planes.get(f"{name}_variance")) for name in names}
     if "albedo" not in features:
-        features["color"] = (held, variance)
+        features["color"] = (held, noise)
     return tuple(features), guide(features), light, factor
 
 
@@ -268,8 +298,7 @@ def merge(
             motion, _ = find_motion(match_costs(own, other, features), *total.shape)
         else:
             motion, _ = choose_motion(own, other, features, given)
-        guessed = not {"color_variance", "color_a"} & set(frame)
-        weights = weigh(own, other, light, other_light, motion, features, guessed)
+        weights = weigh(own, other, light, other_light, motion, features)
         total = total + weights.sum(-1)
         for name in names:
             kind = {"squared": "variance" in name, "light": name.startswith("color")}

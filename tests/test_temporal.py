@@ -150,19 +150,67 @@ def test_the_same_room_again_takes_noise_away(engine, names, move):
         assert 0.6 < halves / squares < 1.5
 
 
-GUESSED = pytest.mark.xfail(
-    strict=True, reason="corners count as noise where that is guessed, and let some light through"
-)
-
-
-@pytest.mark.parametrize("names", [names if names else pytest.param(names, marks=GUESSED) for names in SETS])
-def test_a_light_that_is_switched_on_is_not_merged(engine, names):
+@by_names
+@pytest.mark.parametrize("light", [0.2, 0.6, 1.5, 4.0])
+def test_a_light_that_is_switched_on_is_not_merged(engine, names, light):
+    """Nor one that is turned up by half: what it adds is less than the noise of a pixel, but all pixels share it."""
     frame, truth = planes_at(48, 64)
-    for light in (0.2, 4.0):
-        neighbour = some(planes_at(48, 64, seed=1, light=light)[0], names)
-        found, mean = merged(engine, some(frame, names), [neighbour])
-        assert mean < 1.1
-        assert error(found["color"], truth) < 1.1 * error(frame["color"], truth)
+    neighbour = some(planes_at(48, 64, seed=1, light=light)[0], names)
+    found, mean = merged(engine, some(frame, names), [neighbour])
+    assert mean < (1.1 if light in (0.2, 4.0) else 1.25)
+    assert error(found["color"], truth) < 1.05 * error(frame["color"], truth)
+
+
+@by_names
+@pytest.mark.parametrize("move", [5, 7, 12, 20])
+def test_what_moves_too_far_to_be_followed_does_no_harm(engine, names, move):
+    """Whatever is merged by mistake costs less than the noise that merging takes away."""
+    frame, truth = planes_at(48, 64, margin=24)
+    near = [some(planes_at(48, 64, (k * move, 0), seed=2 + k, margin=24)[0], names) for k in (-1, 1)]
+    found, _ = merged(engine, some(frame, names), near)
+    assert error(found["color"], truth) < error(frame["color"], truth)
+
+
+def lamp(left, seed, spp, height=32, width=48):
+    """A lamp a hundred times as bright as the wall behind it, whose edges have parts of pixels: planes, and the truth.
+
+    Each sample sees the one or the other, so that pixels of the edge are noisy in every plane and those beside it not.
+    """
+    rng = np.random.default_rng([seed, spp])
+    covers = np.zeros((height, width))
+    columns = np.arange(width)
+    covers[8:24] = np.clip(np.minimum(columns + 1, left + 10) - np.maximum(columns, left), 0, 1)
+    sees = rng.random((spp, height, width)) < covers
+    lit = 0.1 * rng.gamma(2.0, 0.5, sees.shape)
+    samples = {
+        "color": np.where(sees, 10.0, lit)[..., None] * np.ones(3),
+        "albedo": np.where(sees, 0.9, 0.5)[..., None] * np.ones(3),
+        "normal": np.where(sees[..., None], (0.0, 0.6, 0.8), (0.0, 0.0, 1.0)),
+        "depth": np.where(sees, 2.0, 3.0),
+    }
+    planes = {}
+    for name, values in samples.items():
+        planes[name], planes[f"{name}_variance"] = values.mean(0), values.var(0, ddof=1) / spp
+    planes["color_a"], planes["color_b"] = samples["color"][::2].mean(0), samples["color"][1::2].mean(0)
+    truth = (10.0 * covers + 0.1 * (1 - covers))[..., None] * np.ones(3)
+    return {name: plane.astype(np.float32) for name, plane in planes.items()}, truth
+
+
+@pytest.mark.parametrize("spp", [4, 16])
+def test_a_lamp_that_moves_by_part_of_a_pixel_does_not_light_the_wall(engine, spp):
+    """At its edges the error, relative as that of a wall a hundred times darker is, stays about what it was; elsewhere
+    it falls."""
+    alone, together, wall = [], [], []
+    for seed in range(8):
+        frames = [lamp(18.5 + 0.3 * k, 3 * seed + k, spp) for k in range(3)]
+        (frame, truth), near = frames[1], [frames[0][0], frames[2][0]]
+        found, _ = merged(engine, frame, near)
+        edges = np.s_[8:24, 15:31]
+        alone.append(error(frame["color"][edges], truth[edges]))
+        together.append(error(found["color"][edges], truth[edges]))
+        wall.append(error(found["color"][:, 34:], truth[:, 34:]) / error(frame["color"][:, 34:], truth[:, 34:]))
+    assert np.mean(together) < 1.5 * np.mean(alone)
+    assert np.mean(wall) < 0.6
 
 
 def test_a_cut_is_not_merged(engine):

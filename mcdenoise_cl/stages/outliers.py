@@ -12,8 +12,9 @@ from .pad import pad
 #: Pixels of a group stay if they stand out by more than so many standard deviations; one sample in many does by one.
 SIGNIFICANT_IN_GROUP = 1.5
 
-#: Removed light counts for light that is there, so what is too much of it is found step by step: each divides it by 25.
-ROUNDS = 5
+#: Light that was removed around a block counts for light that is there, so what several have too much is found step by
+#: step.
+ROUNDS = 3
 
 #: Removed light is blurred in blocks of so many pixels squared, if its blur is that much wider.
 SCALE, WIDER = 4, 8
@@ -110,13 +111,13 @@ class Light:
 
     def _limit(self) -> Planes:
         """Hold back what would outshine its surroundings: the part of each block's removed light that is left."""
-        limited = self._removed
-        out, kept = (self._engine.planes(channels, *self._size) for channels in (3, 1))
+        counted, kept = self._removed, self._engine.planes(1, *self._size)
         for _ in range(ROUNDS):
-            level = self._blurred(self._brightness(limited, 1.0))
-            limited = out
-            arguments = level, self._removed, *self._size, 2 * self._radius + 1, limited, kept
+            level = self._blurred(self._brightness(counted, 1.0))
+            limited = self._engine.planes(3, *self._size)
+            arguments = level, self._removed, counted, *self._size, 2 * self._radius + 1, limited, kept
             self._launch("limit_removed", self._size[::-1], *arguments)
+            counted = limited
         self._removed = limited
         return kept
 

@@ -20,7 +20,7 @@ BLOCK = 8
 FARTHEST = 64
 #: Windows over which the features and the light of a pixel are compared.
 MISMATCH_RADIUS, LIGHT_RADIUS = 1, 3
-#: Variances are smoothed over 3x3 pixels.
+#: Variances that come from the image alone are smoothed over 3x3 pixels.
 VARIANCE_RADIUS = 1
 
 
@@ -34,14 +34,12 @@ class Look:
         names: of "albedo", "normal", "depth" and "color".
         light: three planes of colour, outliers held back, and the sum of their variances.
         factor: what was left of each pixel, one plane.
-        guessed: the variance of the colour comes from the image alone.
     """
 
     guide: Planes
     names: tuple[str, ...]
     light: Planes
     factor: Planes
-    guessed: bool
 
 
 def look_at(
@@ -52,8 +50,14 @@ def look_at(
     factor: Planes,
     guessed: bool,
 ) -> Look:
-    """A `Look`: features with their variances, or None; the colour with its variance, and what outliers were left."""
-    noise = box_mean(engine, channel_sum(engine, variance), VARIANCE_RADIUS)
+    """A `Look`: features with their variances, or None; the colour with its variance, which may be `guessed` from the
+    image alone, and what outliers were left.
+
+    Variances stay those of each pixel: that of an edge says nothing of the pixel beside it.
+    """
+    noise = channel_sum(engine, variance)
+    if guessed:
+        noise = box_mean(engine, noise, VARIANCE_RADIUS)
     light = stack(engine, [color, noise], 0)
     # Only the albedo shows all that the colour does.
     groups = features if "albedo" in features else features | {"color": (color, variance)}
@@ -63,8 +67,8 @@ def look_at(
         if spread is None:
             noises.append(clip(engine, plane.part(0, 1), 0.0, 0.0))
         else:
-            noises.append(box_mean(engine, channel_sum(engine, spread), VARIANCE_RADIUS))
-    return Look(stack(engine, planes + noises, SEARCH_RADIUS), tuple(groups), light, factor, guessed)
+            noises.append(noise if name == "color" else channel_sum(engine, spread))
+    return Look(stack(engine, planes + noises, SEARCH_RADIUS), tuple(groups), light, factor)
 
 
 def match_costs(engine: Engine, own: Look, other: Look) -> Planes:
@@ -118,13 +122,13 @@ class Weights:
 def weigh(engine: Engine, own: Look, other: Look, motion: Planes, total: Planes) -> Weights:
     """Compare a frame with another one where it has moved to; `total`, one plane, grows by the weights."""
     height, width = own.light.height, own.light.width
-    tests, taps = engine.planes(5, height, width), engine.planes(4, height, width)
+    tests, taps = engine.planes(8, height, width), engine.planes(4, height, width)
     size, block = (width, height), _block(motion, own)
     arguments = own.guide, other.guide, own.light, other.light, motion, block, height, width, tests, taps
     engine.launch("compare", _kernel(engine, "compare", own), size, *arguments)
     mismatch = box_mean(engine, tests.part(0, 1), MISMATCH_RADIUS)
-    light = box_mean(engine, tests.part(1, 4), LIGHT_RADIUS)
-    arguments = mismatch, light, height, width, int(own.guessed), taps, total
+    light = box_mean(engine, tests.part(1, 7), LIGHT_RADIUS)
+    arguments = mismatch, light, height, width, taps, total
     engine.launch("compare", _kernel(engine, "weigh", own), size, *arguments)
     return Weights(taps, motion, other)
 
@@ -139,8 +143,8 @@ def accumulate(engine: Engine, sums: Planes, other: Planes, weights: Weights, *,
     block = _block(weights.motion, weights.look)
     kernel = _kernel(engine, "accumulate", weights.look)
     height, width = sums.height, sums.width
-    arguments = other, weights.look.factor, weights.taps, weights.motion, block, height, width
-    engine.launch("merge", kernel, (width, height, sums.channels), *arguments, int(squared), int(light), sums)
+    arguments = other, weights.look.factor, weights.taps, weights.motion, block, sums.channels, height, width
+    engine.launch("merge", kernel, (width, height), *arguments, int(squared), int(light), sums)
 
 
 def normalise(engine: Engine, sums: Planes, total: Planes, look: Look, *, squared: bool) -> Planes:
@@ -159,7 +163,7 @@ def _block(motion: Planes, look: Look) -> int:
 def _kernel(engine: Engine, name: str, look: Look) -> cl.Kernel:
     """All of them are one program for a set of features."""
     channels = [1 if feature == "depth" else 3 for feature in look.names]
-    defines = {"SEARCH_RADIUS": SEARCH_RADIUS, "FARTHEST": FARTHEST}
+    defines = {"SEARCH_RADIUS": SEARCH_RADIUS, "FARTHEST": FARTHEST, "PIXELS": (2 * LIGHT_RADIUS + 1) ** 2}
     defines |= {"CHANNELS": sum(channels), "GROUPS": len(channels)}
     for group, feature in enumerate(look.names):
         defines |= {feature.upper(): sum(channels[:group]), f"{feature.upper()}_NOISE": group}
