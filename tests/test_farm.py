@@ -110,7 +110,7 @@ def test_a_worker_is_killed_while_it_writes(cluster, expected, tmp_path, caplog)
     def kill(worker):
         line = worker.find(r"^holding (\d+)")
         if line:
-            left.append(sorted(path.name for path in out.iterdir() if path.name.endswith(".tmp")))
+            left.append([path.name for path in out.iterdir() if f"-{worker.popen.pid}-" in path.name])
             left.append((out / sources[2].name).exists())
             assert int(line[1]) == worker.popen.pid
             worker.kill()
