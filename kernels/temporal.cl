@@ -98,25 +98,30 @@ inline float total8(float8 v)
     return (four.x + four.y) + (four.z + four.w);
 }
 
-/* The sum of the mismatches of a block at one offset: plane by plane for every offset, row by row of the window. Guides
- * have a mirrored border of SEARCH_RADIUS. */
-#define OWN(c) vload8(0, a + (c) * own_plane)
-#define OTHER(c) vload8(0, b + (c) * other_plane)
+/* The sum of the mismatches of a block at the offsets of one row of the window: plane by plane for every offset, row by
+ * row. Guides have a mirrored border of SEARCH_RADIUS. */
+typedef float8 unaligned8 __attribute__((aligned(4))); /* vload8 is a call on some runtimes, as in common.h */
+#define OWN(c) (*(global const unaligned8 *)(a + (c) * own_plane))
+#define OTHER(c) (*(global const unaligned8 *)(b + (c) * other_plane))
 kernel void match_costs(CONST_PLANES(own), CONST_PLANES(other), int height, int width, PLANES(out))
 {
-    const int left = get_global_id(0) * 8, top = get_global_id(1) * 8, offset = get_global_id(2);
+    const int left = get_global_id(0) * 8, top = get_global_id(1) * 8, row = get_global_id(2);
     if (left >= width || top >= height)
         return;
-    const int dx = offset % SPAN - SEARCH_RADIUS, dy = offset / SPAN - SEARCH_RADIUS;
     const int8 inside = left + (int8)(0, 1, 2, 3, 4, 5, 6, 7) < width;
-    float8 sum = (float8)(0.f);
+    float8 sum[SPAN];
+    for (int i = 0; i < SPAN; i++)
+        sum[i] = (float8)(0.f);
     for (int y = top; y < min(top + 8, height); y++) {
         global const float *a = own + INDEX(own, 0, y, left);
-        global const float *b = other + INDEX(other, 0, y + dy, left + dx);
-        const float8 each = MISMATCH(OWN, OTHER);
-        sum += inside ? (each < MOST ? each : (float8)(MOST)) : (float8)(0.f);
+        for (int i = 0; i < SPAN; i++) {
+            global const float *b = other + INDEX(other, 0, y + row - SEARCH_RADIUS, left + i - SEARCH_RADIUS);
+            const float8 each = MISMATCH(OWN, OTHER);
+            sum[i] += inside ? (each < MOST ? each : (float8)(MOST)) : (float8)(0.f);
+        }
     }
-    AT(out, offset, get_global_id(1), get_global_id(0)) = total8(sum);
+    for (int i = 0; i < SPAN; i++)
+        AT(out, row * SPAN + i, get_global_id(1), get_global_id(0)) = total8(sum[i]);
 }
 
 /* The cost of an offset for a block: the mean over it and those around, weighted 1 2 1 both ways; and of moving. */

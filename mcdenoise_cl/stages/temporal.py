@@ -77,7 +77,8 @@ def match_costs(engine: Engine, own: Look, other: Look) -> Planes:
     down, across, offsets = -(-height // BLOCK), -(-width // BLOCK), (2 * SEARCH_RADIUS + 1) ** 2
     costs = engine.planes(offsets, down, across)
     kernel = _kernel(engine, "match_costs", own)
-    engine.launch("motion", kernel, (across, down, offsets), own.guide, other.guide, height, width, costs)
+    size = across, down, 2 * SEARCH_RADIUS + 1
+    engine.launch("motion", kernel, size, own.guide, other.guide, height, width, costs, single=True)
     return costs
 
 
