@@ -3,11 +3,11 @@
 #include "interleave.h"
 
 /* What the type cannot hold becomes the most it can; a NaN, which must not be, would stay one and be seen. */
-#define WITHIN(v, most) (fabs(v) > most ? copysign(most, v) : v)
+#define WITHIN(v, type) ((v) > MOST ? (type)(MOST) : (v) < -MOST ? (type)(-MOST) : (v))
 
 #if defined(TARGET_HALF)
 #define TARGET half
-#define WRITE(v, i) vstore_half_rte(WITHIN(v, 65504.f), i, target)
+#define WRITE(v, i) vstore_half_rte(WITHIN(v, float), i, target)
 #define MOST 65504.f
 #define WRITE_VECTOR(v, p) JOIN(JOIN(vstore_half, WIDTH), _rte)(v, 0, p)
 #elif defined(TARGET_DOUBLE)
@@ -16,14 +16,12 @@
 #define WRITE(v, i) target[i] = (double)(v)
 #else
 #define TARGET float
-#define WRITE(v, i) target[i] = WITHIN(v, FLT_MAX)
+#define WRITE(v, i) target[i] = WITHIN(v, float)
 #define MOST FLT_MAX
 #define WRITE_VECTOR(v, p) STORE(v, p)
 #endif
 
 #if defined(PACKED) && WIDTH > 1
-#define WITHIN_VECTOR(v) ((v) > MOST ? (vec)(MOST) : (v) < -MOST ? (vec)(-MOST) : (v))
-
 /* Three channels that follow each other, pixels too. */
 kernel void leave_packed(CONST_PLANES(in), int height, int width, global TARGET *restrict target, int offset, int row)
 {
@@ -31,8 +29,8 @@ kernel void leave_packed(CONST_PLANES(in), int height, int width, global TARGET 
     if (x >= width || y >= height)
         return;
     vec out[3];
-    put_together(WITHIN_VECTOR(VECTOR_AT(in, 0, y, x)), WITHIN_VECTOR(VECTOR_AT(in, 1, y, x)),
-                 WITHIN_VECTOR(VECTOR_AT(in, 2, y, x)), out);
+    put_together(WITHIN(VECTOR_AT(in, 0, y, x), vec), WITHIN(VECTOR_AT(in, 1, y, x), vec),
+                 WITHIN(VECTOR_AT(in, 2, y, x), vec), out);
     global TARGET *to = target + offset + y * row + x * 3;
     if (x + WIDTH <= width) {
         for (int k = 0; k < 3; k++)

@@ -22,16 +22,23 @@ inline float sum_of(vec v)
     return sum;
 }
 
+/* 1 for the columns that are there, of WIDTH from x on. */
+inline vec within(int x, int columns)
+{
+    float inside[WIDTH];
+    for (int i = 0; i < WIDTH; i++)
+        inside[i] = x + i < columns ? 1.f : 0.f;
+    return LOAD(inside);
+}
+
 /* The mean of a plane over a rectangle. */
 inline float mean_of(global const float *corner, int row, int rows, int columns)
 {
     vec sum = (vec)(0.f);
-    float inside[WIDTH];
     for (int x = 0; x < columns; x += WIDTH) {
-        for (int i = 0; i < WIDTH; i++)
-            inside[i] = x + i < columns ? 1.f : 0.f;
+        const vec inside = within(x, columns);
         for (int y = 0; y < rows; y++)
-            sum += LOAD(inside) > (vec)(0.f) ? LOAD(corner + y * row + x) : (vec)(0.f);
+            sum += inside > (vec)(0.f) ? LOAD(corner + y * row + x) : (vec)(0.f);
     }
     return sum_of(sum) / (rows * columns);
 }
@@ -41,7 +48,7 @@ inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int 
                         float m[FEATURES][FEATURES])
 {
     /* About the first value, so that a constant feature has no variance at all. */
-    float origin[FEATURES], inside[WIDTH];
+    float origin[FEATURES];
     vec sum[FEATURES], products[PAIRS];
     for (int a = 0; a < FEATURES; a++) {
         origin[a] = AT(feature, a, top, left);
@@ -50,8 +57,7 @@ inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int 
     for (int i = 0; i < PAIRS; i++)
         products[i] = (vec)(0.f);
     for (int x = 0; x < columns; x += WIDTH) {
-        for (int i = 0; i < WIDTH; i++)
-            inside[i] = x + i < columns ? 1.f : 0.f;
+        const vec inside = within(x, columns);
         /* A column has a sum of its own: one over all pixels rounds more than small components have. */
         vec column[PAIRS];
         for (int i = 0; i < PAIRS; i++)
@@ -62,7 +68,7 @@ inline void covariances(CONST_PLANES(feature), int top, int left, int rows, int 
              * 65535 turns in all. */
 #pragma unroll
             for (int a = 0; a < FEATURES; a++) {
-                d[a] = (VECTOR_AT(feature, a, top + y, left + x) - origin[a]) * LOAD(inside);
+                d[a] = (VECTOR_AT(feature, a, top + y, left + x) - origin[a]) * inside;
                 sum[a] += d[a];
 #pragma unroll
                 for (int b = 0; b < FEATURES; b++)

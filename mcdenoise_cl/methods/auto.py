@@ -134,13 +134,13 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     mix_layers_in(also_narrow, narrow_share)
     filtered = stack(engine, [current], 0)
 
-    known = "color_variance" in planes
-    if known or "color_a" in planes:
+    known = "color_variance" in planes or "color_a" in planes
+    if known:
         target = replace(target, noise=luminance_noise(engine, frame.raw_variance))
     found = compare(engine, current, noisy, target, tracking=0.0, limit=LIMIT, known=True)
     input_share = mix_in(engine, current, noisy, found, prior=1.0, doubt=KEEP, margin=p.caution)
     mix_layers_in(frame.also, input_share)
-    if known or "color_a" in planes:
+    if known:
         shrink_to_input(engine, current, noisy, frame.raw_variance, input_share, also, frame.also)
     error = partial(estimated_error, engine, filtered, target, input_share)
     shares = parts_of_mix(engine, wide_share, narrow_share, input_share)

@@ -20,9 +20,9 @@ ENOUGH = 0.99
 #: has registers for.
 TOGETHER = {"tile": 3, "group": 1}
 
-#: How many pixels of a row a work-item counts; 0 for all. One with a row of many layers has more turns than
+#: How many pixels of a row a work-item counts. A whole row of many layers has more turns than
 #: tests/upstream/rusticl_loops.py gets.
-STRETCH = {"tile": 0, "group": 256}
+STRETCH = 256
 
 
 def each_layer(layers: Planes | None) -> Iterator[Planes]:
@@ -70,9 +70,8 @@ def count_sums(engine: Engine, bands: Iterable[tuple[Planes, Planes]], height: i
     """Look at a frame of this size that comes in bands: the layers as they are given, and the colour."""
     counted, kernel = engine.zeros(1), engine.kernel("also.cl", "count_sums")
     for layers, color in bands:
-        stretch = STRETCH[engine.shape.schedule] or layers.width
-        size, numbers = (-(-layers.width // stretch), layers.height), (layers.channels, layers.height, layers.width)
-        engine.launch("also", kernel, size, layers, color, *numbers, stretch, counted, single=True)
+        size, numbers = (-(-layers.width // STRETCH), layers.height), (layers.channels, layers.height, layers.width)
+        engine.launch("also", kernel, size, layers, color, *numbers, STRETCH, counted, single=True)
     return Sums(counted, math.ceil(ENOUGH * height * width))
 
 
