@@ -12,8 +12,7 @@ kernel void luminance_variance(CONST_PLANES(variance), int height, int width, PL
     const int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    const float deviation = 0.2126f * sqrt(larger(AT(variance, 0, y, x), 0.f)) + 0.7152f * sqrt(larger(AT(variance, 1, y, x), 0.f)) +
-                            0.0722f * sqrt(larger(AT(variance, 2, y, x), 0.f));
+    const float deviation = DEVIATION(variance, y, x);
     AT(out, 0, y, x) = deviation * deviation;
 }
 

@@ -22,8 +22,14 @@
 /* A share of the filtered frame below this is none: there is next to nothing to gain. */
 #define LEAST_SHARE 0.1f
 
-/* Planes of blocks: three of noise, three of squared changes, d_f d_y and d_y^2 for t. */
-enum { NOISE, MOVED = NOISE + 3, KEPT = MOVED + 3, OWN };
+/* Planes of blocks: three of noise, three of squared changes, d_f d_y and d_y^2 for t: of the luminance, or, where the
+ * frame was disturbed (response.cl), of each channel. */
+#ifdef DISTURBED
+#define DIFFERENCES 3
+#else
+#define DIFFERENCES 1
+#endif
+enum { NOISE, MOVED = NOISE + 3, KEPT = MOVED + 3, OWN = KEPT + DIFFERENCES };
 
 inline float8 light_of(const float8 *color)
 {
@@ -36,19 +42,24 @@ inline float total(float8 v)
     return (four.x + four.y) + (four.z + four.w);
 }
 
-/* The eight planes of `block_means`, a work-item a block. Noise is sum V^2 / sum V, the variance that the average bit of
+/* The planes of `block_means`, a work-item a block. Noise is sum V^2 / sum V, the variance that the average bit of
  * noise comes with: where few samples have found the light, most pixels seem to have none. */
-kernel void block_means(CONST_PLANES(filtered), CONST_PLANES(input), CONST_PLANES(variance), int height, int width,
-                        PLANES(out))
+kernel void block_means(CONST_PLANES(filtered), CONST_PLANES(input), CONST_PLANES(variance),
+#ifdef DISTURBED
+                        CONST_PLANES(disturbed), CONST_PLANES(response),
+#endif
+                        int height, int width, PLANES(out))
 {
     const int left = get_global_id(0) * BLOCK, top = get_global_id(1) * BLOCK;
     if (left >= width || top >= height)
         return;
     const int8 inside = left + (int8)(0, 1, 2, 3, 4, 5, 6, 7) < width;
     const int bottom = min(top + BLOCK, height);
-    float8 noise[3], squares[3], moved[3], kept = (float8)(0.f), own = (float8)(0.f);
+    float8 noise[3], squares[3], moved[3], kept[DIFFERENCES], own[DIFFERENCES];
     for (int c = 0; c < 3; c++)
         noise[c] = squares[c] = moved[c] = (float8)(0.f);
+    for (int i = 0; i < DIFFERENCES; i++)
+        kept[i] = own[i] = (float8)(0.f);
     for (int y = top; y < bottom; y++) {
         float8 before[3], after[3];
         for (int c = 0; c < 3; c++) {
@@ -65,20 +76,34 @@ kernel void block_means(CONST_PLANES(filtered), CONST_PLANES(input), CONST_PLANE
             const float8 distance2 = change * change / fmax(scale, RELATIVE_TO(after[c], new_light));
             moved[c] += select((float8)(0.f), distance2, inside);
         }
-        const float8 d = vload8(0, input + INDEX(input, 3, y, left));
-        const float8 of_filtered = vload8(0, filtered + INDEX(filtered, 3, y, left));
-        const float8 scaled = d / (fmax(light * light, new_light * new_light) + LEAST_LUMINANCE2);
-        kept += select((float8)(0.f), scaled * of_filtered, inside);
-        own += select((float8)(0.f), scaled * d, inside);
+        for (int i = 0; i < DIFFERENCES; i++) {
+#ifdef DISTURBED
+            const float8 d = vload8(0, disturbed + INDEX(disturbed, i, y, left)) - before[i];
+            const float8 of_filtered = vload8(0, response + INDEX(response, i, y, left)) - after[i];
+            const float8 scaled = d / fmax(RELATIVE_TO(before[i], light), RELATIVE_TO(after[i], new_light));
+#else
+            const float8 d = vload8(0, input + INDEX(input, 3, y, left));
+            const float8 of_filtered = vload8(0, filtered + INDEX(filtered, 3, y, left));
+            const float8 scaled = d / (fmax(light * light, new_light * new_light) + LEAST_LUMINANCE2);
+#endif
+            kept[i] += select((float8)(0.f), scaled * of_filtered, inside);
+            own[i] += select((float8)(0.f), scaled * d, inside);
+        }
     }
     const int x = get_global_id(0), y = get_global_id(1);
     const float each = 1.f / ((bottom - top) * (min(left + BLOCK, width) - left));
     for (int c = 0; c < 3; c++) {
+#ifdef DISTURBED
+        AT(out, NOISE + c, y, x) = each * total(noise[c]);
+#else
         AT(out, NOISE + c, y, x) = total(squares[c]) / (total(noise[c]) + 1e-30f);
+#endif
         AT(out, MOVED + c, y, x) = each * total(moved[c]);
     }
-    AT(out, KEPT, y, x) = each * total(kept);
-    AT(out, OWN, y, x) = each * total(own);
+    for (int i = 0; i < DIFFERENCES; i++) {
+        AT(out, KEPT + i, y, x) = each * total(kept[i]);
+        AT(out, OWN + i, y, x) = each * total(own[i]);
+    }
 }
 
 /* The mean of a block and of those around, weighted 1 2 1 both ways; blocks at the edge count for those beyond. */
@@ -102,14 +127,19 @@ kernel void block_shares(CONST_PLANES(means), int down, int across, PLANES(out))
     for (int j = above; j <= below; j++)
         for (int i = left; i <= right; i++)
             noise = larger(noise, AT(means, NOISE + c, j, i));
-    const float kept = clamp(AROUND(KEPT) / (AROUND(OWN) + 1e-30f), 0.f, 1.f);
+    const int difference = min(c, DIFFERENCES - 1);
+    const float kept = clamp(AROUND(KEPT + difference) / (AROUND(OWN + difference) + 1e-30f), 0.f, 1.f);
     const float best = noise * (1.f - kept) / (AROUND(MOVED + c) + 1e-30f);
     AT(out, c, y, x) = clamp((best - LEAST_SHARE) / (1.f - LEAST_SHARE), 0.f, 1.f);
 }
 
 /* In place: filtered becomes input + a (filtered - input), a linear between the centres of blocks; the input's share in
- * it grows by the mean of the channels. */
-kernel void shrink(PLANES(filtered), CONST_PLANES(input), CONST_PLANES(shares), int height, int width, PLANES(share))
+ * it, where one is kept, grows by the mean of the channels. */
+kernel void shrink(PLANES(filtered), CONST_PLANES(input), CONST_PLANES(shares), int height, int width
+#ifdef WITH_SHARE
+                   , PLANES(share)
+#endif
+)
 {
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x >= width || y >= height)
@@ -139,6 +169,8 @@ kernel void shrink(PLANES(filtered), CONST_PLANES(input), CONST_PLANES(shares), 
         STORE(a < 1.f ? before + a * (after - before) : after, filtered + INDEX(filtered, c, y, x));
         sum += a;
     }
+#ifdef WITH_SHARE
     const vec part = VECTOR_AT(share, 0, y, x);
     STORE(1.f - sum / 3.f * (1.f - part), share + INDEX(share, 0, y, x));
+#endif
 }

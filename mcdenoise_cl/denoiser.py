@@ -179,7 +179,8 @@ class Denoiser:
 
         Returns:
             (H, W, 3), scene-linear, of the dtype of the colour: a NumPy array for host planes; for device planes a
-            `pyopencl.array.Array` in the same context, on this denoiser's queue, not waited for. `out` if given.
+            `pyopencl.array.Array` in the same context, on this denoiser's queue, not waited for, though `auto` waits
+            until it has seen how much noise there is. `out` if given.
 
         Raises:
             FrameError: the frame has another size, lacks a plane that the method needs, lies in another context,

@@ -53,7 +53,7 @@ def outliers(
 
 def significance(names: Iterable[str]) -> float:
     """`significant` of `outliers` for a frame with these planes: how much a light stands out of what surrounds it."""
-    return 4.0 if "color_variance" in names or "color_a" in names else np.inf
+    return 3.0 if "color_variance" in names or "color_a" in names else np.inf
 
 
 def by_chance(names: Iterable[str]) -> bool:
@@ -235,18 +235,23 @@ def first_order_regression(
 
 
 def second_pass(
-    first: np.ndarray, features: np.ndarray | None, feature_variance: np.ndarray | None, **options
+    first: np.ndarray,
+    features: np.ndarray | None,
+    feature_variance: np.ndarray | None,
+    frame: np.ndarray | None = None,
+    **options,
 ) -> np.ndarray:
     """`first_order_regression`, with these options, of what one gave: `first`, colour F and half difference d.
 
     The guide is F; its variance, summed over the channels, d² min(Σ_c F_c² / max(Y(F)², 1e-12), 1 / 0.0722²), Y the
     luminance: all channels as noisy as the luminance, in proportion, which is largest for blue. Mean of that over
-    7x7 pixels.
+    7x7 pixels. Of another `frame`, three colours, that is filtered so, the guide is itself and its variance that of F.
     """
     guide, d = np.asarray(first[..., :3], dtype=np.float64), np.asarray(first[..., 3], dtype=np.float64)
     colored = np.minimum((guide**2).sum(axis=-1) / np.maximum(luminance(guide) ** 2, 1e-12), 1.0 / 0.0722**2)
     variance = box_mean(d**2 * colored, 3)
-    return first_order_regression(guide, variance[..., None], features, feature_variance, first, **options)[0]
+    frame = first if frame is None else frame
+    return first_order_regression(frame[..., :3], variance[..., None], features, feature_variance, frame, **options)[0]
 
 
 # --- The energy of the outliers ---------------------------------------------------------------------------

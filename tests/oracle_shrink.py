@@ -46,12 +46,15 @@ def around(means: np.ndarray) -> np.ndarray:
     return out
 
 
-def block_noise(frame: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Σ V² / Σ V over a block, V the variance over `relative_to`, in [0, 1e12]; the largest of 3x3 blocks."""
+def block_noise(frame: np.ndarray, variance: np.ndarray, quiet: bool = False) -> np.ndarray:
+    """Σ V² / Σ V over a block, V the variance over `relative_to`, in [0, 1e12]; the largest of 3x3 blocks.
+
+    The mean of V over the block where the frame is quiet.
+    """
     relative = np.clip(np.asarray(variance, dtype=np.float64) / relative_to(frame), 0.0, 1e12)
-    of_block = np.array(
-        [[(block**2).sum(axis=0) / (block.sum(axis=0) + 1e-30) for block in row] for row in blocks(relative)]
-    )
+    of_block = block_mean(relative)
+    if not quiet:
+        of_block = block_mean(relative**2) / (of_block + 1e-30)
     down, across = of_block.shape[:2]
     out = np.zeros(of_block.shape)
     for y, x in np.ndindex(down, across):
@@ -59,7 +62,12 @@ def block_noise(frame: np.ndarray, variance: np.ndarray) -> np.ndarray:
     return out
 
 
-def block_shares(filtered: np.ndarray, frame: np.ndarray, variance: np.ndarray) -> np.ndarray:
+def block_shares(
+    filtered: np.ndarray,
+    frame: np.ndarray,
+    variance: np.ndarray,
+    disturbed: tuple[np.ndarray, np.ndarray] | None = None,
+) -> np.ndarray:
     """a = V (1 - t) / E (f - y)², less than 0.1 taken for 0 and the rest stretched to [0, 1], of each block and colour.
 
     V from `block_noise`; (f - y)² over the larger `relative_to` of the two frames; t = E d_f d_y / E d_y² in [0, 1],
@@ -69,9 +77,14 @@ def block_shares(filtered: np.ndarray, frame: np.ndarray, variance: np.ndarray) 
     filtered, frame = np.asarray(filtered, dtype=np.float64), np.asarray(frame, dtype=np.float64)
     change = (filtered - frame)[..., :3] ** 2 / np.maximum(relative_to(filtered), relative_to(frame))
     brighter = np.maximum(luminance(filtered[..., :3]) ** 2, luminance(frame[..., :3]) ** 2)
-    half = frame[..., 3:] / (brighter[..., None] + 1e-3)
-    kept = around(block_mean(half * filtered[..., 3:])) / (around(block_mean(half * frame[..., 3:])) + 1e-30)
-    best = block_noise(frame, variance) * (1 - np.clip(kept, 0, 1)) / (around(block_mean(change)) + 1e-30)
+    d, d_filtered = frame[..., 3:], filtered[..., 3:]
+    scale = brighter[..., None] + 1e-3
+    if disturbed:
+        d, d_filtered = (b - a[..., :3] for a, b in zip((frame, filtered), disturbed, strict=True))
+        scale = np.maximum(relative_to(filtered), relative_to(frame))
+    kept = around(block_mean(d * d_filtered / scale)) / (around(block_mean(d**2 / scale)) + 1e-30)
+    noise = block_noise(frame, variance, quiet=disturbed is not None)
+    best = noise * (1 - np.clip(kept, 0, 1)) / (around(block_mean(change)) + 1e-30)
     return np.clip((best - 0.1) / 0.9, 0, 1)
 
 
@@ -88,11 +101,15 @@ def between(shares: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def shrink_to_input(
-    filtered: np.ndarray, frame: np.ndarray, variance: np.ndarray, share: np.ndarray
+    filtered: np.ndarray,
+    frame: np.ndarray,
+    variance: np.ndarray,
+    share: np.ndarray,
+    disturbed: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The colours y + a (f - y), the half difference as it was, and the input's share 1 - mean a (1 - s)."""
     filtered, frame = np.float64(filtered), np.float64(frame)
-    a = between(block_shares(filtered, frame, variance), *frame.shape[:2])
+    a = between(block_shares(filtered, frame, variance, disturbed), *frame.shape[:2])
     out = filtered.copy()
     out[..., :3] = frame[..., :3] + a * (filtered - frame)[..., :3]
     return out, 1.0 - a.mean(axis=-1) * (1.0 - np.float64(share))

@@ -46,7 +46,7 @@ SMALL, WHOLE = (5, 11), (17, 67)
 class Case:
     """One call: a method, the planes it gets besides the colour, their dtype, parameters that keep it short, how many
     further layers are filtered with the colour, and the neighbours: None for one that is searched for, or how far it
-    has moved."""
+    has moved. `quiet` is for little noise in the colour."""
 
     method: str
     planes: tuple[str, ...] = ()
@@ -55,6 +55,7 @@ class Case:
     parameters: dict[str, Any] = field(default_factory=dict)
     layers: int = 0
     neighbours: tuple[float | None, ...] = ()
+    quiet: bool = False
 
 
 NLM = {"search_radius": 1, "patch_radius": 1}
@@ -85,18 +86,20 @@ CASES = {
     "auto": Case("auto", (*FEATURES, *VARIANCES, *HALVES, KNOWN), parameters=AUTO),
     "temporal": Case("guided", (*FEATURES, *VARIANCES, *HALVES, KNOWN), neighbours=(None, 1.3)),
     "temporal-color": Case("nlm", dtype="f2", packed=False, parameters=NLM, neighbours=(None,)),
+    "auto-quiet": Case("auto", ("depth", KNOWN), parameters=AUTO, layers=1, quiet=True),
+    "auto-quiet-halves": Case("auto", HALVES, dtype="f2", parameters=AUTO, quiet=True),
     "auto-inliers": Case("auto", ("albedo", *HALVES), parameters={**AUTO, "outliers": False}),
 }
 
 NAMES = (*CASES, "ssim")
 
 
-def frame(height: int, width: int) -> dict[str, np.ndarray]:
+def frame(height: int, width: int, quiet: bool = False) -> dict[str, np.ndarray]:
     """Every plane that a frame can have, float32, with two pixels that are not finite; no blue tells anything."""
     planes = inputs.features(height, width)
     planes["albedo"][..., 2] = 0.5
     rng = np.random.default_rng([height, width])
-    for name, noise in (("color", 0.2), ("albedo", 0.02), ("normal", 0.05), ("depth", 0.01)):
+    for name, noise in (("color", 0.004 if quiet else 0.2), ("albedo", 0.02), ("normal", 0.05), ("depth", 0.01)):
         squares = rng.gamma(4.0, 0.25, planes[name].shape)
         planes[f"{name}_variance"] = ((noise * planes[name]) ** 2 * squares + 1e-6).astype(np.float32)
     half = np.sqrt(planes["color_variance"]) * rng.standard_normal(planes["color"].shape).astype(np.float32)
@@ -126,8 +129,8 @@ def run_case(queue: cl.CommandQueue, case: Case, size: tuple[int, int] = SMALL, 
     The planes go to the device first: some simulators take the host's own memory for uninitialised. `small` cuts the
     work as `small_shape` says; else as the device wants it.
     """
-    wanted = ("color", *case.planes)
-    planes = {plane: _on_device(queue, image, case) for plane, image in frame(*size).items() if plane in wanted}
+    wanted, source = ("color", *case.planes), frame(*size, quiet=case.quiet)
+    planes = {plane: _on_device(queue, image, case) for plane, image in source.items() if plane in wanted}
     near = []
     for move in case.neighbours:
         known = {} if move is None else {"motion": _on_device(queue, np.full((*size, 2), move), case)}

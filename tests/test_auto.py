@@ -134,6 +134,28 @@ def test_whole_method(height, width, names):
     assert result.model_map.shape == (height, width) and result.model_map.max() < len(result.candidates)
 
 
+@pytest.mark.parametrize(("height", "width"), [size for size in SIZES if min(size) > 10])
+@pytest.mark.parametrize("names", [FULL, (*FULL, "color_a", "color_b"), ("color_a", "color_b")], ids="+".join)
+def test_whole_method_where_there_is_little_noise(height, width, names):
+    """What it keeps of its noise is found by disturbing the frame."""
+    scene = with_little_noise(full_scene(height, width))
+    planes = {name: scene[name] for name in names}
+    assert oracle_auto.is_quiet(scene["color"], planes)
+    image, shares, _ = oracle_auto.denoise_auto(scene["color"], planes, **options_of(**WINDOW))
+    result = denoise(scene["color"], **planes, method="auto", details=True, **WINDOW)
+    # What is left of a small part of the noise in float32, by which the rest is divided.
+    close(result.image, image, tolerance=1e-3)
+    np.testing.assert_allclose(list(result.report.shares.values()), shares.mean((1, 2)), atol=5e-3)
+
+
+def with_little_noise(scene):
+    """The same frame with a tenth of the noise said of its colour."""
+    quiet = {"color_variance": 0.01 * scene["color_variance"]}
+    for name in ("color_a", "color_b"):
+        quiet[name] = scene["color"] + np.float32(0.1) * (scene[name] - scene["color"])
+    return scene | quiet
+
+
 @pytest.mark.parametrize("names", [("color_variance",), ("color_a", "color_b"), ()], ids=["variance", "halves", "none"])
 def test_only_noise_that_is_known_holds_the_result_to_the_input(device, names):
     """An estimate from the image would take a texture for noise, and a smooth place for one without."""

@@ -7,7 +7,7 @@ import pyopencl as cl
 import pyopencl.array as cl_array
 import pytest
 from inputs import planes
-from test_auto import full_scene
+from test_auto import full_scene, with_little_noise
 
 from mcdenoise_cl import Denoiser, Frame, denoise
 from mcdenoise_cl.bands import BYTES, fewer_rows, first_guess
@@ -74,6 +74,15 @@ def test_bands_change_no_bit(scene, method, rows):
         np.testing.assert_array_equal(bands.error_map, whole.error_map)
     else:
         assert many.estimated_error is bands.model_map is bands.error_map is None
+
+
+@pytest.mark.parametrize("noise", [("color_variance",), ("color_a", "color_b")], ids="+".join)
+def test_bands_of_a_frame_with_little_noise_change_no_bit(scene, noise):
+    """Which is filtered twice, or not at all, as the whole frame is."""
+    quiet = with_little_noise(scene)
+    frame = Frame(**{name: quiet[name] for name in ("color", "albedo", *noise)})
+    whole, bands = Denoiser(HEIGHT, WIDTH), in_bands("auto")
+    np.testing.assert_array_equal(bands(frame), whole(frame))
 
 
 @pytest.mark.parametrize(

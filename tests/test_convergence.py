@@ -50,13 +50,7 @@ def test_errors_fall_with_the_samples(method):
     assert found == []
 
 
-#: At 16384 samples the weights of a fit follow what noise there is, since little else differs: so it keeps more of the
-#: noise than the halves that go through the same weights tell. Pixels are averaged that are alike by chance, and what
-#: that changes is no more than noise would: neither the halves nor the residual tell a grain from noise.
-FOLLOWED = pytest.mark.xfail(strict=True, reason="a fit keeps more of the last noise than its halves tell")
-
-
-@pytest.mark.parametrize("spp", [1024, 4096, pytest.param(16384, marks=FOLLOWED)])
+@pytest.mark.parametrize("spp", [1024, 4096, 16384])
 @pytest.mark.parametrize(
     "known", [("color_variance",), ("color_a", "color_b"), ("color_variance", "color_a", "color_b")]
 )

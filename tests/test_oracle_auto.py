@@ -109,7 +109,7 @@ def test_regression_matches_the_loops(noise, limit):
     if noise == "all":
         parts[2] = (parts[2][0], (variances["depth"] * scale**2 / (z + scale) ** 4)[..., None])
     denoised = ora.denoise_regression(color, scene | given, **SMALL, outlier_limit=limit, spread_radius=3)
-    significant = {"image": (np.inf, True), "halves": (4.0, True)}.get(noise, (4.0, False))
+    significant = {"image": (np.inf, True), "halves": (3.0, True)}.get(noise, (3.0, False))
     assert_close(denoised, loop_denoise(color, e, variance, parts, limit, significant, 3, **SMALL), 1e-8)
 
 

@@ -217,7 +217,7 @@ def test_halves_that_agree_by_chance_are_as_uncertain_as_those_around():
 def test_significance_follows_what_is_known_of_the_noise():
     both = ("color_variance", "color_a", "color_b")
     given = [ora.significance(names) for names in (both, both[:1], both[1:], ("albedo",), ())]
-    assert given == [4.0, 4.0, 4.0, np.inf, np.inf]
+    assert given == [3.0, 3.0, 3.0, np.inf, np.inf]
     assert [ora.by_chance(names) for names in (both, both[:1], both[1:], ())] == [False, False, True, True]
 
 

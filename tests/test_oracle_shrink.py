@@ -35,6 +35,8 @@ def test_means_and_noise_match_numpy_and_scipy(kind, size):
     noise = np.nansum(v**2, axis=(1, 3)) / np.nansum(v, axis=(1, 3))
     most = scipy.ndimage.maximum_filter(noise, (3, 3, 1), mode="nearest")
     np.testing.assert_allclose(ora.block_noise(frame, variance), most, rtol=1e-9)
+    most = scipy.ndimage.maximum_filter(np.nanmean(v, axis=(1, 3)), (3, 3, 1), mode="nearest")
+    np.testing.assert_allclose(ora.block_noise(frame, variance, quiet=True), most, rtol=1e-9)
 
 
 @pytest.mark.parametrize("size", BLOCKS)
@@ -49,16 +51,22 @@ def test_between_centres_it_is_linear(size):
 
 @pytest.mark.parametrize("kept", [0.0, 0.5, 0.9])
 @pytest.mark.parametrize("wrong", [0.0, 0.7, 2.0])
-def test_the_share_has_the_least_error_of_all(wrong, kept):
-    """Of a filter that keeps a part of the noise and is wrong by so many deviations, tried at every share."""
+@pytest.mark.parametrize("told", [True, False], ids=["halves", "disturbed"])
+def test_the_share_has_the_least_error_of_all(wrong, kept, told):
+    """Of a filter that keeps a part of the noise and is wrong by so many deviations, tried at every share.
+
+    Half differences tell how much it keeps, or, where they do not, noise that was added.
+    """
     rng = np.random.default_rng(0)
     truth = np.full((160, 160, 3), 0.5)
     noise = 1e-3 * rng.standard_normal(truth.shape)
     half = 1e-3 * rng.standard_normal((160, 160, 1))
     frame = np.concatenate([truth + noise, half], axis=-1)
     bias = 1e-3 * wrong * rng.choice([-1, 1], (160, 160, 1))
-    filtered = np.concatenate([truth + kept * noise + bias, kept * half], axis=-1)
-    a = ora.block_shares(filtered, frame, np.full(truth.shape, 1e-3**2)).mean()
+    filtered = np.concatenate([truth + kept * noise + bias, kept * half if told else 0 * half], axis=-1)
+    step = 3e-4 * rng.standard_normal((160, 160, 1))
+    disturbed = None if told else (frame[..., :3] + step, filtered[..., :3] + kept * step)
+    a = ora.block_shares(filtered, frame, np.full(truth.shape, 1e-3**2), disturbed).mean()
     shares = np.linspace(0, 1, 101)
     errors = [np.mean((noise + part * (kept * noise + bias - noise)) ** 2) for part in shares]
     best = shares[np.argmin(errors)]

@@ -26,12 +26,13 @@ def engine(request, device):
     return engine
 
 
-def shrunk(engine, filtered, frame, variance, share=None):
+def shrunk(engine, filtered, frame, variance, share=None, disturbed=None):
     """The frame and the share of the input, as the stage leaves them; the share is 0 before if not given."""
     share = np.zeros(frame.shape[:2]) if share is None else share
     planes, parts = to_planes(engine, filtered), to_planes(engine, share)
     given = to_planes(engine, frame), to_planes(engine, variance)
-    shrink_to_input(engine, planes, *given, parts)
+    tried = tuple(to_planes(engine, image) for image in disturbed) if disturbed else None
+    shrink_to_input(engine, planes, *given, parts, disturbed=tried)
     np.testing.assert_array_equal(to_array(engine, given[0]), frame)
     return to_array(engine, planes), to_array(engine, parts)
 
@@ -68,6 +69,27 @@ def test_it_is_the_equation(engine, kind, height, width, size):
     got, got_share = shrunk(engine, filtered, frame, variance, share)
     assert (np.abs(got - image) <= 1e-6 + 1e-5 * (np.abs(filtered) + np.abs(frame))).all()
     close(got_share, new_share, scale=1.0, tolerance=1e-4)  # 1 - t is a small difference
+
+
+@pytest.mark.parametrize(("height", "width"), SIZES)
+@pytest.mark.parametrize("kind", ["uniform", "constant", "step", "scene"])
+@pytest.mark.parametrize("kept", [0.1, 0.6])
+def test_it_is_the_equation_where_the_frame_was_disturbed(engine, kind, height, width, kept):
+    """What the filter makes of the noise that was added tells how much it keeps, not the half differences."""
+    frame = input_of(kind, height, width)
+    rng = np.random.default_rng(3)
+    filtered = (frame * (1 + 0.1 * rng.standard_normal(frame.shape))).astype(np.float32)
+    variance = (0.1**2 * inputs.planes("uniform", height, width, 3, seed=3) * frame[..., :3] ** 2).astype(np.float32)
+    step = np.sqrt(variance) * rng.standard_normal((height, width, 1))
+    changed = kept * step * rng.uniform(0.5, 1.5, (height, width, 1))
+    disturbed = tuple((a[..., :3] + b).astype(np.float32) for a, b in ((frame, step), (filtered, changed)))
+    share = inputs.planes("uniform", height, width, seed=4)
+    image, new_share = theory.shrink_to_input(filtered, frame, variance, share, disturbed)
+    without, _ = theory.shrink_to_input(filtered, frame, variance, share)
+    assert kind == "constant" or height * width < 100 or not np.allclose(image, without, rtol=1e-3)
+    got, got_share = shrunk(engine, filtered, frame, variance, share, disturbed)
+    assert (np.abs(got - image) <= 1e-6 + 1e-5 * (np.abs(filtered) + np.abs(frame))).all()
+    close(got_share, new_share, scale=1.0, tolerance=1e-4)
 
 
 def test_the_equation_gives_the_input_here_and_the_filter_there():

@@ -2,11 +2,13 @@
 
 Candidates, from the simplest: the input as it is; a regression over a narrow window; the same over the whole window; a
 second regression of its result over a wide window, every third pixel. Cross-validation between two halves of the
-samples, or two halves made up from the variance, tells which is nearer to the truth.
+samples, or two halves made up from the variance, tells which is nearer to the truth. Where there is little noise, some
+is added and all is done again, which tells how much of it the mix has.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -28,12 +30,15 @@ from ..stages.halves import difference_from_variance, difference_of_halves
 from ..stages.luminance import luminance_around
 from ..stages.pad import stack
 from ..stages.regression import first_order_regression
+from ..stages.response import disturb, disturb_by_halves
 from ..stages.shrink import BLOCK, shrink_to_input
+from ..stages.source import Source
+from ..stages.terms import Terms
 from ..stages.variance import channel_sum, clip, scale
 from . import regression
-from .facts import Facts
+from .facts import Facts, known_noise, quiet_frame, quiet_of
 from .parameters import parameter
-from .regression import NEEDS, USES, Prepared, align, finish, prepare, ridges, survey, terms_for
+from .regression import NEEDS, USES, Prepared, align, finish, prepare, ridges, terms_for
 from .result import Result
 
 __all__ = ["NAME", "NEEDS", "SUMMARY", "USES", "Parameters", "align", "reach", "run", "survey"]
@@ -86,37 +91,23 @@ def reach(p: Parameters) -> int:
     return first + wide + 1 + VARIANCE_RADIUS + 4 * 2 * SMOOTHING_RADIUS + 1 + 3 * BLOCK
 
 
+def survey(engine: Engine, source: Source, p: Parameters) -> Facts:
+    """What bands need to know of the whole frame."""
+    return replace(regression.survey(engine, source, p), quiet=quiet_of(engine, source))
+
+
 def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts | None = None) -> Result:
     """Door to exit without the door and the exit: planes in, planes out."""
     frame = prepare(engine, planes, p, facts)
     noisy = stack(engine, [frame.color, _half_difference(engine, planes, frame, facts)], 0)
     terms = terms_for(engine, frame, max(p.search_radius, p.wide_radius * p.wide_stride), facts)
-    fit = partial(
-        first_order_regression,
-        engine,
-        frame.color,
-        channel_sum(engine, frame.variance),
-        terms,
-        search_radius=p.search_radius,
-        patch_radius=p.patch_radius,
-        bandwidth=p.bandwidth,
-        with_inner=True,
-        **ridges(p),
-    )
-    (current, also), (narrow, also_narrow) = fit_also(engine, fit, noisy, frame.also)
-    fit = partial(
-        first_order_regression,
-        engine,
-        current.part(0, 3),
-        variance_left(engine, current),
-        terms,
-        search_radius=p.wide_radius,
-        patch_radius=1,
-        stride=p.wide_stride,
-        bandwidth=p.wide_bandwidth,
-        **ridges(p),
-    )
-    ((wide, also_wide),) = fit_also(engine, fit, current, also)
+    known = bool(known_noise(planes))
+    if known:
+        quiet = facts.quiet if facts else quiet_frame(engine, planes)
+    fits = partial(_first_fits, engine, channel_sum(engine, frame.variance), terms, p)
+    (current, also), (narrow, also_narrow) = fit_also(engine, fits(frame.color), noisy, frame.also)
+    second_fit = partial(_second_fit, engine, variance_left(engine, current), terms, p)
+    ((wide, also_wide),) = fit_also(engine, second_fit(current.part(0, 3)), current, also)
 
     def mix_layers_in(candidate: Planes | None, share: Planes) -> None:
         if also is not None:
@@ -134,17 +125,74 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     mix_layers_in(also_narrow, narrow_share)
     filtered = stack(engine, [current], 0)
 
-    known = "color_variance" in planes or "color_a" in planes
     if known:
         target = replace(target, noise=luminance_noise(engine, frame.raw_variance))
     found = compare(engine, current, noisy, target, tracking=0.0, limit=LIMIT, known=True)
     input_share = mix_in(engine, current, noisy, found, prior=1.0, doubt=KEEP, margin=p.caution)
     mix_layers_in(frame.also, input_share)
     if known:
-        shrink_to_input(engine, current, noisy, frame.raw_variance, input_share, also, frame.also)
+        disturbed = None
+        if quiet():
+            color = _disturbed(engine, planes, frame, facts)
+            mix, narrow = fits(color)(color)
+            (wide,) = second_fit(mix)(mix)
+            for candidate, share in ((wide, wide_share), (narrow, narrow_share), (color, input_share)):
+                blend_also(engine, mix, candidate, share, "response")
+            disturbed = color, mix
+        layers = also, frame.also
+        shrink_to_input(engine, current, noisy, frame.raw_variance, input_share, *layers, disturbed=disturbed)
     error = partial(estimated_error, engine, filtered, target, input_share)
     shares = parts_of_mix(engine, wide_share, narrow_share, input_share)
     return finish(engine, frame, current.part(0, 3), also, p, terms, facts, shares=shares, error=error)
+
+
+def _first_fits(
+    engine: Engine, variance: Planes, terms: Terms | None, p: Parameters, tone: Planes
+) -> Callable[..., tuple[Planes, ...]]:
+    """Over the whole window and its middle: `first_order_regression`, ready but for what is fitted."""
+    return partial(
+        first_order_regression,
+        engine,
+        tone,
+        variance,
+        terms,
+        search_radius=p.search_radius,
+        patch_radius=p.patch_radius,
+        bandwidth=p.bandwidth,
+        with_inner=True,
+        **ridges(p),
+    )
+
+
+def _second_fit(
+    engine: Engine, variance: Planes, terms: Terms | None, p: Parameters, tone: Planes
+) -> Callable[..., tuple[Planes, ...]]:
+    """Over the wide window, of a frame that the first fits have filtered."""
+    return partial(
+        first_order_regression,
+        engine,
+        tone,
+        variance,
+        terms,
+        search_radius=p.wide_radius,
+        patch_radius=1,
+        stride=p.wide_stride,
+        bandwidth=p.wide_bandwidth,
+        **ridges(p),
+    )
+
+
+def _disturbed(engine: Engine, planes: dict[str, Planes], frame: Prepared, facts: Facts | None) -> Planes:
+    if "color_a" not in planes:
+        return disturb(engine, frame.color, frame.raw_variance, facts.rows.start if facts else 0)
+    return disturb_by_halves(
+        engine, frame.color, planes["color_a"], planes["color_b"], _factor(engine, frame), frame.exposure
+    )
+
+
+def _factor(engine: Engine, frame: Prepared) -> Planes:
+    """What each pixel was multiplied by: 1 where outliers stayed."""
+    return frame.factor or clip(engine, frame.color.part(0, 1), 1.0, 1.0)
 
 
 def _half_difference(engine: Engine, planes: dict[str, Planes], frame: Prepared, facts: Facts | None) -> Planes:
@@ -153,5 +201,4 @@ def _half_difference(engine: Engine, planes: dict[str, Planes], frame: Prepared,
         first = facts.rows.start if facts else 0
         return difference_from_variance(engine, frame.variance if estimated else frame.raw_variance, first)
     halves = [scale(engine, planes[name], frame.exposure) for name in ("color_a", "color_b")]
-    factor = frame.factor or clip(engine, frame.color.part(0, 1), 1.0, 1.0)
-    return difference_of_halves(engine, *halves, factor)
+    return difference_of_halves(engine, *halves, _factor(engine, frame))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 
 import pyopencl as cl
@@ -10,7 +10,8 @@ import pyopencl as cl
 from ..engine import Engine, Planes
 from ..stages.exposure import KEY, auto_exposure, exposure_of_bands, inverse_geometric_mean_of_bands
 from ..stages.noise import noise_level, noise_of_bands
-from ..stages.rows import Rows
+from ..stages.response import look_for_noise
+from ..stages.rows import Rows, cut
 from ..stages.source import Source
 from ..stages.variance import first_pixel, scale
 
@@ -26,6 +27,7 @@ class Facts:
         first_normal: the normal of the first pixel; None without normals.
         edges, references: the guide of the normals, one plane of the whole frame, and what `guided_filter` counts
             from; only for methods that have one.
+        quiet: says whether there is little noise; None where none is known.
         rows: those that are filtered.
     """
 
@@ -35,6 +37,7 @@ class Facts:
     first_normal: cl.MemoryObjectHolder | None = None
     edges: Planes | None = None
     references: cl.MemoryObjectHolder | None = None
+    quiet: Callable[[], bool] | None = None
     rows: Rows | None = None
 
 
@@ -69,6 +72,31 @@ def inverse_depth_of(engine: Engine, source: Source) -> cl.MemoryObjectHolder | 
         return None
     bands = ((depth, rows.first) for depth, rows in source.sweep("depth"))
     return inverse_geometric_mean_of_bands(engine, bands, source.height)
+
+
+def known_noise(present: Container[str]) -> tuple[str, ...]:
+    """The planes that tell the noise of the colour; none where it is not known."""
+    if "color_variance" in present:
+        return ("color_variance",)
+    return ("color_a", "color_b") if "color_a" in present else ()
+
+
+def quiet_frame(engine: Engine, planes: dict[str, Planes]) -> Callable[[], bool]:
+    """Whether there is little noise in these planes of a frame, which tell how much there is."""
+    whole = Rows(0, planes["color"].height, 0, planes["color"].height)
+    return look_for_noise(engine, [(planes["color"], [planes[name] for name in known_noise(planes)], whole)])
+
+
+def quiet_of(engine: Engine, source: Source) -> Callable[[], bool] | None:
+    """The same of a frame that is let in band by band; None where nothing tells."""
+
+    def bands() -> Iterator[tuple[Planes, list[Planes], Rows]]:
+        for rows in cut(source.height, source.most, 0, 1):
+            color, *noise = source.planes(rows, ["color", *names]).values()
+            yield color, noise, rows
+
+    names = known_noise(source.arrays)
+    return look_for_noise(engine, bands()) if names else None
 
 
 def first_normal_of(engine: Engine, source: Source) -> cl.MemoryObjectHolder | None:

@@ -31,7 +31,7 @@ COLOR_VARIANCES = ("color_variance", "color_a", "color_b")
 
 #: An outlier that stands out by more than so many standard deviations is a small light, or texture. In the image alone
 #: nothing tells a light from a firefly.
-SIGNIFICANT = 4.0
+SIGNIFICANT = 3.0
 
 
 def color_variance(engine: Engine, planes: dict[str, Planes], color: Planes, exposure: cl.MemoryObjectHolder) -> Planes:

@@ -38,9 +38,11 @@ def hold_back_also(engine: Engine, layers: Planes, factor: Planes) -> Planes:
     return removed
 
 
-def blend_also(engine: Engine, layers: Planes, candidate: Planes, share: Planes) -> None:
+def blend_also(engine: Engine, layers: Planes, candidate: Planes, share: Planes, stage: str = "also") -> None:
     """Mix a candidate's layers in, in place, with the share that `mix_in` found for it."""
-    _launch(engine, "blend_also", layers.channels, layers, layers, candidate, share, layers.height, layers.width)
+    size = engine.vectors(layers.width), layers.height, layers.channels
+    kernel = engine.kernel("also.cl", "blend_also")
+    engine.launch(stage, kernel, size, layers, candidate, share, layers.height, layers.width)
 
 
 def bound_also(engine: Engine, fit: Planes, color: Planes, layers: Planes, before: Planes) -> None:
