@@ -17,9 +17,6 @@
 /* Columns of sums and of counts: the bins, and everything. */
 enum { EVERYTHING = BINS, COLUMNS_OF_BINS };
 
-/* Sums that go on side by side, as each of their additions waits for the last. */
-#define CHAINS (WIDTH < 4 ? WIDTH : 4)
-
 /* Kahan's sum: `lost` is what rounding has added too much. */
 inline void add_to(float *sum, float *lost, float value)
 {
@@ -29,40 +26,64 @@ inline void add_to(float *sum, float *lost, float value)
     *sum = next;
 }
 
-/* Rows that follow row `first` of the frame; COLUMNS_OF_BINS sums and counts each. */
+/* The same, a sum in each lane. */
+inline void add_vector_to(vec *sum, vec *lost, vec value)
+{
+    const vec term = value - *lost;
+    const vec next = *sum + term;
+    *lost = (next - *sum) - term;
+    *sum = next;
+}
+
+/* Rows that follow row `first` of the frame; COLUMNS_OF_BINS sums and counts each. A vector is added to each bin that it
+ * has something of, 0 for the rest. */
 kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, int first, global float *restrict row_sum,
                                global int *restrict row_count)
 {
     const int y = get_global_id(0);
     if (y >= height)
         return;
-    float sum[COLUMNS_OF_BINS][CHAINS], lost[COLUMNS_OF_BINS][CHAINS];
-    int count[COLUMNS_OF_BINS];
-    for (int k = 0; k < COLUMNS_OF_BINS; k++) {
-        for (int i = 0; i < CHAINS; i++)
-            sum[k][i] = lost[k][i] = 0.f;
-        count[k] = 0;
-    }
+    vec sum[BINS], lost[BINS], count[BINS];
+    for (int k = 0; k < BINS; k++)
+        sum[k] = lost[k] = count[k] = (vec)(0.f);
     for (int x = 0; x < width; x += WIDTH) {
-        float l[WIDTH], logarithm[WIDTH];
-        const vec v = luminance(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x), VECTOR_AT(color, 2, y, x));
-        STORE(v, l);
-        STORE(log(v), logarithm);
-        for (int i = 0; i < WIDTH && x + i < width; i++)
-            if (l[i] > 0.f) {
-                const int bin = as_int(l[i]) >> BIN_BITS;
-                add_to(&sum[bin][i % CHAINS], &lost[bin][i % CHAINS], logarithm[i]);
-                add_to(&sum[EVERYTHING][i % CHAINS], &lost[EVERYTHING][i % CHAINS], logarithm[i]);
-                count[bin]++;
-                count[EVERYTHING]++;
-            }
+        float l[WIDTH];
+        STORE(luminance(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x), VECTOR_AT(color, 2, y, x)), l);
+        int least = BINS, most = -1;
+        for (int i = 0; i < WIDTH; i++) {
+            l[i] = x + i < width ? l[i] : 0.f;
+            const int bin = as_int(l[i]) >> BIN_BITS;
+            least = l[i] > 0.f ? min(least, bin) : least;
+            most = l[i] > 0.f ? max(most, bin) : most;
+        }
+        const vec v = LOAD(l), one = (vec)(1.f), zero = (vec)(0.f);
+        for (int k = least; k <= most; k++) {
+            const vec low = (vec)(as_float(k << BIN_BITS)), next = (vec)(as_float(k + 1 << BIN_BITS));
+            const vec from_here = v >= low ? (v > zero ? one : zero) : zero;
+            const vec counted = k < BINS - 1 ? (v < next ? from_here : zero) : from_here;
+            /* fast_log is for normal and finite numbers, as those between the first and the last bin are. */
+            const vec logarithm = k > 0 && k < BINS - 1 ? fast_log(v) : log(v);
+            add_vector_to(&sum[k], &lost[k], counted > zero ? logarithm : zero);
+            count[k] += counted;
+        }
     }
-    for (int k = 0; k < COLUMNS_OF_BINS; k++) {
-        for (int i = 1; i < CHAINS; i++)
-            add_to(&sum[k][0], &lost[k][0], sum[k][i]);
-        row_sum[(first + y) * COLUMNS_OF_BINS + k] = sum[k][0];
-        row_count[(first + y) * COLUMNS_OF_BINS + k] = count[k];
+    float everything = 0.f, lost_of_it = 0.f;
+    int counted = 0;
+    for (int k = 0; k < BINS; k++) {
+        float lanes[WIDTH], counts[WIDTH], lost_of_lanes = 0.f;
+        STORE(sum[k], lanes);
+        STORE(count[k], counts);
+        for (int i = 1; i < WIDTH; i++) {
+            add_to(&lanes[0], &lost_of_lanes, lanes[i]);
+            counts[0] += counts[i];
+        }
+        add_to(&everything, &lost_of_it, lanes[0]);
+        counted += (int)counts[0];
+        row_sum[(first + y) * COLUMNS_OF_BINS + k] = lanes[0];
+        row_count[(first + y) * COLUMNS_OF_BINS + k] = (int)counts[0];
     }
+    row_sum[(first + y) * COLUMNS_OF_BINS + EVERYTHING] = everything;
+    row_count[(first + y) * COLUMNS_OF_BINS + EVERYTHING] = counted;
 }
 
 /* A work-item a column. */

@@ -26,6 +26,24 @@ kernel void brightest(CONST_PLANES(color), CONST_PLANES(variance), int height, i
     STORE(sum / (most * most + DARKEST2), out + INDEX(out, 1, y, x));
 }
 
+/* Of the 24 other pixels in 5x5, the GROUP-th brightest. */
+inline vec last_of_brightest(CONST_PLANES(bright), int y, int x)
+{
+    vec most[GROUP]; /* from the brightest */
+    for (int i = 0; i < GROUP; i++)
+        most[i] = (vec)(0.f);
+    for (int v = -2; v <= 2; v++)
+        for (int u = -2; u <= 2; u++) {
+            vec next = u == 0 && v == 0 ? (vec)(0.f) : VECTOR_AT(bright, 0, y + v, x + u);
+            for (int i = 0; i < GROUP; i++) {
+                const vec less = smaller(most[i], next);
+                most[i] = larger(most[i], next);
+                next = less;
+            }
+        }
+    return most[GROUP - 1];
+}
+
 /* In place: color becomes factor * color, variance factor^2 * variance; removed is what color has lost, factor what each
  * pixel was multiplied by. bright: from brightest, with a border of 2. What stands out of its neighbours by more than
  * `significant` standard deviations, its own or, if larger, `chance` times those usual in the 3x3 pixels, is really
@@ -36,29 +54,32 @@ kernel void hold_back(CONST_PLANES(bright), PLANES(color), PLANES(variance), int
     const int x = get_global_id(0) * WIDTH, y = get_global_id(1);
     if (x >= width || y >= height)
         return;
-    vec around = (vec)(0.f), usual = (vec)(0.f), sum = (vec)(0.f);
-    vec most[GROUP]; /* of the other 24 pixels, from the brightest */
+    vec around = (vec)(0.f), usual = (vec)(0.f), sum = (vec)(0.f), part[GROUP];
     for (int i = 0; i < GROUP; i++)
-        most[i] = (vec)(0.f);
+        part[i] = (vec)(0.f);
+#pragma unroll
     for (int v = -2; v <= 2; v++)
+#pragma unroll
         for (int u = -2; u <= 2; u++) {
-            const int near = abs(u) <= 1 && abs(v) <= 1;
+            const int near = abs(u) <= 1 && abs(v) <= 1, i = (5 * v + u + 12) % GROUP;
             if (near)
                 usual += VECTOR_AT(bright, 1, y + v, x + u);
             if (u == 0 && v == 0)
                 continue;
-            vec next = VECTOR_AT(bright, 0, y + v, x + u);
+            const vec next = VECTOR_AT(bright, 0, y + v, x + u);
             if (near)
                 around = larger(around, next);
-            for (int i = 0; i < GROUP; i++) {
-                const vec less = smaller(most[i], next);
-                most[i] = larger(most[i], next);
-                next = less;
-            }
+            part[i] = larger(part[i], next);
         }
     for (int c = 0; c < 3; c++)
         sum += VECTOR_AT(variance, c, y, x);
-    const vec own = VECTOR_AT(bright, 0, y, x), others = most[GROUP - 1], one = (vec)(1.f);
+    const vec own = VECTOR_AT(bright, 0, y, x), one = (vec)(1.f);
+    /* The least of what GROUP parts of the 24 have for their brightest is no brighter than the last of a group. */
+    vec others = part[0];
+    for (int i = 1; i < GROUP; i++)
+        others = smaller(others, part[i]);
+    if (ANY(own > CONTRAST * limit * others))
+        others = last_of_brightest(bright, bright_origin, bright_row, bright_plane, y, x);
     const vec deviation = sqrt(larger(sum, chance * chance * usual / 9.f * (own * own + DARKEST2)));
     const vec alone = own > limit * around && (own - around) / significant <= deviation ? limit * around / own : one;
     const vec grouped = own > CONTRAST * limit * others && own - others <= in_group * deviation ? limit * others / own : one;
