@@ -67,37 +67,51 @@ inline void patch_variance_distance(global const float *a, global const float *b
             out[y][v] = larger(norm * sum_down(across, y, v), (vec)(0.f));
 }
 
-/* out[y][v] = weight_of_sums. */
-inline void patch_weights(global const float *a, global const float *b, int row, int plane, global const float *va,
-                          global const float *vb, int v_row, float scale, vec out[ROWS][VECTORS])
+/* excess_of_noise of three channels for all pixels that a tile's patches need, at `count` offsets along a row, `step`
+ * apart: what is loaded of the tile itself serves them all. b and vb point at the first. */
+inline void excess_of_offsets(global const float *a, global const float *b, int row, int plane, global const float *va,
+                              global const float *vb, int v_row, int step, int count,
+                              vec excess[][ROWS + 2 * PATCH_RADIUS][SPAN_VECTORS])
 {
-    float excess[ROWS + 2 * PATCH_RADIUS][SPAN_VECTORS * WIDTH];
     for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++)
-        excess_row(a, b, row, plane, va, vb, v_row, 3, y, excess[y]);
-    for (int v = 0; v < VECTORS; v++) {
-        vec across[PATCH], inner[PATCH];
-#pragma unroll
-        for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
-            vec wide = (vec)(0.f), narrow = (vec)(0.f);
-#pragma unroll
-            for (int k = 0; k < PATCH; k++) {
-                const vec here = LOAD(excess[y] + v * WIDTH + k);
-                wide += here;
-                if (k >= PATCH_RADIUS - INNER_RADIUS && k <= PATCH_RADIUS + INNER_RADIUS)
-                    narrow += here;
+        for (int v = 0; v < SPAN_VECTORS; v++) {
+            const int i = (y - PATCH_RADIUS) * row - PATCH_RADIUS + v * WIDTH;
+            const int j = (y - PATCH_RADIUS) * v_row - PATCH_RADIUS + v * WIDTH;
+            const vec red = LOAD(a + i), green = LOAD(a + i + plane), blue = LOAD(a + i + 2 * plane), here = LOAD(va + j);
+            for (int n = 0; n < count; n++) {
+                global const float *other = b + i + n * step;
+                const vec r = red - LOAD(other), g = green - LOAD(other + plane), u = blue - LOAD(other + 2 * plane);
+                excess[n][y][v] = excess_of_noise(r * r + g * g + u * u, here, LOAD(vb + j + n * step));
             }
-            across[y % PATCH] = wide;
-            inner[y % PATCH] = narrow;
-            if (y >= 2 * PATCH_RADIUS) {
-                vec sum = across[0], inner_sum = inner[(y - PATCH_RADIUS + PATCH) % PATCH];
+        }
+}
+
+/* out[y] = weight_of_sums, for a column of vectors. */
+INLINE void weights_of_column(const vec excess[ROWS + 2 * PATCH_RADIUS][SPAN_VECTORS], int v, float scale, vec out[ROWS])
+{
+    vec across[PATCH], inner[PATCH];
 #pragma unroll
-                for (int k = 1; k < PATCH; k++)
-                    sum += across[k];
+    for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
+        const float *line = (const float *)excess[y] + v * WIDTH;
+        vec narrow = LOAD(line + PATCH_RADIUS);
 #pragma unroll
-                for (int k = 1; k <= INNER_RADIUS; k++)
-                    inner_sum += inner[(y - PATCH_RADIUS - k) % PATCH] + inner[(y - PATCH_RADIUS + k) % PATCH];
-                out[y - 2 * PATCH_RADIUS][v] = weight_of_sums(sum, inner_sum, scale);
-            }
+        for (int k = 1; k <= INNER_RADIUS; k++)
+            narrow += LOAD(line + PATCH_RADIUS - k) + LOAD(line + PATCH_RADIUS + k);
+        vec wide = narrow;
+#pragma unroll
+        for (int k = INNER_RADIUS + 1; k <= PATCH_RADIUS; k++)
+            wide += LOAD(line + PATCH_RADIUS - k) + LOAD(line + PATCH_RADIUS + k);
+        across[y % PATCH] = wide;
+        inner[y % PATCH] = narrow;
+        if (y >= 2 * PATCH_RADIUS) {
+            vec sum = across[0], inner_sum = inner[(y - PATCH_RADIUS + PATCH) % PATCH];
+#pragma unroll
+            for (int k = 1; k < PATCH; k++)
+                sum += across[k];
+#pragma unroll
+            for (int k = 1; k <= INNER_RADIUS; k++)
+                inner_sum += inner[(y - PATCH_RADIUS - k) % PATCH] + inner[(y - PATCH_RADIUS + k) % PATCH];
+            out[y - 2 * PATCH_RADIUS] = weight_of_sums(sum, inner_sum, scale);
         }
     }
 }

@@ -28,7 +28,7 @@ kernel void prefilter(CONST_PLANES(feature), CONST_PLANES(variance), CONST_PLANE
                                     total_variance_row, CHANNELS, distance);
             for (int r = 0; r < ROWS; r++)
                 for (int v = 0; v < VECTORS; v++) {
-                    const vec weight = falloff(-0.25f * distance[r][v]);
+                    const vec weight = falloff(distance[r][v], -0.25f);
                     total[r][v] += weight;
                     for (int c = 0; c < CHANNELS; c++) {
                         const int i = c * feature_plane + r * feature_row + v * WIDTH;

@@ -24,6 +24,8 @@
 #define ROWS_LEFT (ROWS % (2 * STRIDE))
 #define PAIRS (ROWS / (2 * STRIDE) * STRIDE + (ROWS_LEFT < STRIDE ? ROWS_LEFT : STRIDE))
 #define FIRST_ROW(pair) ((pair) / STRIDE * 2 * STRIDE + (pair) % STRIDE)
+#define PAIR_OF(row) ((row) / (2 * STRIDE) * STRIDE + (row) % STRIDE)
+#define PLACE_IN_PAIR(row) ((row) / STRIDE % 2)
 
 /* Where a pair's windows together have pixels: a row more than one has; those at the edge of the inner window, which
  * one of the two counts to it and the other does not, twice. */
@@ -165,20 +167,27 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
             for (int i = 0; i < order.count; i++)
                 for (int which = 0; which < 2; which++)
                     taps[pair][v].weight[i][which] = (vec)(0.f);
+    const float scale = -0.25f / (bandwidth * bandwidth);
     global const float *t = tone + INDEX(tone, 0, y, x);
     global const float *s = variance + INDEX(variance, 0, y, x);
-    for (int o = 0; o < SIDE * SIDE; o++) {
-        if (part_of_window(o % SIDE, o / SIDE) == 0)
-            continue;
-        const int dy = (o / SIDE - SEARCH_RADIUS) * STRIDE, dx = (o % SIDE - SEARCH_RADIUS) * STRIDE;
-        vec weight[ROWS][VECTORS];
-        patch_weights(t, t + dy * tone_row + dx, tone_row, tone_plane, s, s + dy * variance_row + dx, variance_row,
-                      -0.25f / (bandwidth * bandwidth), weight);
-        for (int pair = 0; pair < PAIRS; pair++)
-            for (int which = 0; which < 2; which++) {
-                const int r = FIRST_ROW(pair) + which * STRIDE;
-                for (int v = 0; v < VECTORS && r < ROWS; v++)
-                    taps[pair][v].weight[order.tap[which][o]][which] = weight[r][v];
+    for (int dy = 0; dy < SIDE; dy++) {
+        int first = 0;
+        while (part_of_window(first, dy) == 0)
+            first++;
+        const int across = SIDE - 2 * first;
+        const int x_move = (first - SEARCH_RADIUS) * STRIDE, y_move = (dy - SEARCH_RADIUS) * STRIDE;
+        vec excess[SIDE][ROWS + 2 * PATCH_RADIUS][SPAN_VECTORS];
+        excess_of_offsets(t, t + y_move * tone_row + x_move, tone_row, tone_plane, s, s + y_move * variance_row + x_move,
+                          variance_row, STRIDE, across, excess);
+        for (int n = 0; n < across; n++)
+            for (int v = 0; v < VECTORS; v++) {
+                vec weight[ROWS];
+                weights_of_column(excess[n], v, scale, weight);
+#pragma unroll
+                for (int r = 0; r < ROWS; r++) {
+                    const int which = PLACE_IN_PAIR(r), tap = order.tap[which][dy * SIDE + first + n];
+                    taps[PAIR_OF(r)][v].weight[tap][which] = weight[r];
+                }
             }
     }
     for (int pair = 0; pair < PAIRS; pair++)
