@@ -12,6 +12,7 @@
  * ridge, which grows with the distance between the two.
  */
 #define FITS 2
+#define CHANNELS 3
 #include "first_order.h"
 #include "patch.h"
 
@@ -176,7 +177,7 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
             first++;
         const int across = SIDE - 2 * first;
         const int x_move = (first - SEARCH_RADIUS) * STRIDE, y_move = (dy - SEARCH_RADIUS) * STRIDE;
-        vec excess[SIDE][ROWS + 2 * PATCH_RADIUS][SPAN_VECTORS];
+        vec excess[SIDE][PATCH_ROWS][SPAN_VECTORS];
         excess_of_offsets(t, t + y_move * tone_row + x_move, tone_row, tone_plane, s, s + y_move * variance_row + x_move,
                           variance_row, STRIDE, across, excess);
         for (int n = 0; n < across; n++)
