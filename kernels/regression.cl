@@ -4,12 +4,13 @@
  * weighted least squares over the search window, and the constant of that function is the result: with M = sum w t t^T
  * and R = sum w t c^T it is z^T R, where M z = e_0, one solve for any number of colours.
  *
- * A work-item fits a whole tile. First the weights, offset by offset, as patches are shared between neighbours. Then
- * the moments, GROUP of them at a time: a product of two terms is the same for every pixel whose window holds it, so a
- * wide tile makes it once, and a moment is a plain weighted sum that stays in a register. Two rows, as far apart as the
- * rows of the window, are summed together: a product that is loaded serves both. Terms are taken about the mean of the
- * block (terms.cl), and the moments moved to the pixel at the end; what rounding then leaves is small against the
- * ridge, which grows with the distance between the two.
+ * A work-item fits a whole tile. First the weights, a row of offsets at once, as patches are shared between neighbours.
+ * Then the moments, GROUP of them at a time: a product of two terms is the same for every pixel whose window holds it,
+ * so a wide tile makes it once, and a moment is a plain weighted sum that stays in a register. Two rows, as far apart
+ * as the rows of the window, are summed together: a product that is loaded serves both. What y is a factor of is no sum
+ * of its own: y is the same along a row of the window. Terms are taken about the mean of the block (terms.cl), and the
+ * moments moved to the pixel at the end; what rounding then leaves is small against the ridge, which grows with the
+ * distance between the two.
  */
 #define FITS 2
 #define CHANNELS 3
