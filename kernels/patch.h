@@ -1,9 +1,8 @@
-/* Distances between the patches around i and around j = i + offset, for a whole tile of pixels i at once.
+/* How far the patches around i and around j = i + offset differ, for a whole tile of pixels i at once.
  *
- * A tile is COLUMNS x ROWS pixels of one work-item, COLUMNS a multiple of WIDTH. Squared differences are summed
- * over the patch by a separable window: along the row as they are made, then down the tile. On a CPU the tile is
- * wide and its scratch lies in the first-level cache; with COLUMNS = ROWS = WIDTH = 1 the same code is the plain
- * one-pixel-a-work-item kernel.
+ * A tile is COLUMNS x ROWS pixels of one work-item, COLUMNS a multiple of WIDTH, with CHANNELS planes to compare. What
+ * pixels differ by is found for a row of offsets at once, then summed over the patch by a separable window: along the row,
+ * then down the tile. On a CPU the tile is wide and its scratch lies in the first two levels of cache.
  */
 #ifndef MCDENOISE_PATCH_H
 #define MCDENOISE_PATCH_H
@@ -11,93 +10,83 @@
 
 #define VECTORS (COLUMNS / WIDTH)
 #define SPAN_VECTORS ((COLUMNS + 2 * PATCH_RADIUS + WIDTH - 1) / WIDTH)
+#define PATCH_ROWS (ROWS + 2 * PATCH_RADIUS)
 
-/* excess_of_noise for the row of pixels that line y of a tile's patches needs. a and b as above; va and vb point likewise
- * into one plane, the sum of the channels' variances. */
-inline void excess_row(global const float *a, global const float *b, int row, int plane, global const float *va,
-                       global const float *vb, int v_row, int channels, int y, float excess[SPAN_VECTORS * WIDTH])
+/* excess_of_noise for all pixels that a tile's patches need, at `count` offsets along a row, `step` apart: what is loaded
+ * of the tile itself serves them all. a points at the tile, b at the same, moved by the first offset; va and vb point
+ * likewise into one plane, the sum of the channels' variances. */
+inline void excess_of_offsets(global const float *a, global const float *b, int row, int plane, global const float *va,
+                              global const float *vb, int v_row, int step, int count,
+                              vec excess[][PATCH_ROWS][SPAN_VECTORS])
 {
-    const int start = (y - PATCH_RADIUS) * row - PATCH_RADIUS, v_start = (y - PATCH_RADIUS) * v_row - PATCH_RADIUS;
-    for (int v = 0; v < SPAN_VECTORS; v++) {
-        vec sum = (vec)(0.f);
-        for (int c = 0; c < channels; c++) {
-            const int i = start + v * WIDTH + c * plane;
-            const vec difference = LOAD(a + i) - LOAD(b + i);
-            sum += difference * difference;
+    for (int y = 0; y < PATCH_ROWS; y++)
+        for (int v = 0; v < SPAN_VECTORS; v++) {
+            const int i = (y - PATCH_RADIUS) * row - PATCH_RADIUS + v * WIDTH;
+            const int j = (y - PATCH_RADIUS) * v_row - PATCH_RADIUS + v * WIDTH;
+            vec own[CHANNELS];
+#pragma unroll
+            for (int c = 0; c < CHANNELS; c++)
+                own[c] = LOAD(a + i + c * plane);
+            const vec here = LOAD(va + j);
+            for (int n = 0; n < count; n++) {
+                vec squares = (vec)(0.f);
+#pragma unroll
+                for (int c = 0; c < CHANNELS; c++) {
+                    const vec difference = own[c] - LOAD(b + i + n * step + c * plane);
+                    squares += difference * difference;
+                }
+                excess[n][y][v] = excess_of_noise(squares, here, LOAD(vb + j + n * step));
+            }
         }
-        const vec here = LOAD(va + v_start + v * WIDTH), there = LOAD(vb + v_start + v * WIDTH);
-        STORE(excess_of_noise(sum, here, there), excess + v * WIDTH);
+}
+
+/* out[y] = falloff of the mean excess over a patch, for a column of vectors. */
+INLINE void falloff_of_column(const vec excess[PATCH_ROWS][SPAN_VECTORS], int v, vec out[ROWS])
+{
+    vec across[PATCH];
+#pragma unroll
+    for (int y = 0; y < PATCH_ROWS; y++) {
+        const float *line = (const float *)excess[y] + v * WIDTH;
+        across[y % PATCH] = LOAD(line);
+#pragma unroll
+        for (int k = 1; k < PATCH; k++)
+            across[y % PATCH] += LOAD(line + k);
+        if (y >= 2 * PATCH_RADIUS) {
+            vec sum = across[0];
+#pragma unroll
+            for (int k = 1; k < PATCH; k++)
+                sum += across[k];
+            out[y - 2 * PATCH_RADIUS] = falloff(sum, -0.25f / (PATCH * PATCH));
+        }
     }
 }
 
-/* Sums over a patch, along a row and down a column. */
-inline vec sum_along(const float *values, int v)
+/* out[y] = weight_of_sums, for a column of vectors. */
+INLINE void weights_of_column(const vec excess[PATCH_ROWS][SPAN_VECTORS], int v, float scale, vec out[ROWS])
 {
-    vec sum = LOAD(values + v * WIDTH);
+    vec across[PATCH], inner[PATCH];
 #pragma unroll
-    for (int k = 1; k < PATCH; k++)
-        sum += LOAD(values + v * WIDTH + k);
-    return sum;
-}
-
-inline vec sum_down(const vec across[ROWS + 2 * PATCH_RADIUS][VECTORS], int y, int v)
-{
-    vec sum = across[y][v];
+    for (int y = 0; y < PATCH_ROWS; y++) {
+        const float *line = (const float *)excess[y] + v * WIDTH;
+        vec narrow = LOAD(line + PATCH_RADIUS);
 #pragma unroll
-    for (int k = 1; k < PATCH; k++)
-        sum += across[y + k][v];
-    return sum;
-}
-
-/* out[y][v] = excess_row's differences, mean over the patch, at least 0. */
-inline void patch_variance_distance(global const float *a, global const float *b, int row, int plane,
-                                    global const float *va, global const float *vb, int v_row, int channels,
-                                    vec out[ROWS][VECTORS])
-{
-    vec across[ROWS + 2 * PATCH_RADIUS][VECTORS];
-    float excess[SPAN_VECTORS * WIDTH];
-    for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
-        excess_row(a, b, row, plane, va, vb, v_row, channels, y, excess);
-        for (int v = 0; v < VECTORS; v++)
-            across[y][v] = sum_along(excess, v);
-    }
-    const float norm = 1.f / (PATCH * PATCH);
-    for (int y = 0; y < ROWS; y++)
-        for (int v = 0; v < VECTORS; v++)
-            out[y][v] = larger(norm * sum_down(across, y, v), (vec)(0.f));
-}
-
-/* out[y][v] = weight_of_sums. */
-inline void patch_weights(global const float *a, global const float *b, int row, int plane, global const float *va,
-                          global const float *vb, int v_row, float scale, vec out[ROWS][VECTORS])
-{
-    float excess[ROWS + 2 * PATCH_RADIUS][SPAN_VECTORS * WIDTH];
-    for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++)
-        excess_row(a, b, row, plane, va, vb, v_row, 3, y, excess[y]);
-    for (int v = 0; v < VECTORS; v++) {
-        vec across[PATCH], inner[PATCH];
+        for (int k = 1; k <= INNER_RADIUS; k++)
+            narrow += LOAD(line + PATCH_RADIUS - k) + LOAD(line + PATCH_RADIUS + k);
+        vec wide = narrow;
 #pragma unroll
-        for (int y = 0; y < ROWS + 2 * PATCH_RADIUS; y++) {
-            vec wide = (vec)(0.f), narrow = (vec)(0.f);
+        for (int k = INNER_RADIUS + 1; k <= PATCH_RADIUS; k++)
+            wide += LOAD(line + PATCH_RADIUS - k) + LOAD(line + PATCH_RADIUS + k);
+        across[y % PATCH] = wide;
+        inner[y % PATCH] = narrow;
+        if (y >= 2 * PATCH_RADIUS) {
+            vec sum = across[0], inner_sum = inner[(y - PATCH_RADIUS + PATCH) % PATCH];
 #pragma unroll
-            for (int k = 0; k < PATCH; k++) {
-                const vec here = LOAD(excess[y] + v * WIDTH + k);
-                wide += here;
-                if (k >= PATCH_RADIUS - INNER_RADIUS && k <= PATCH_RADIUS + INNER_RADIUS)
-                    narrow += here;
-            }
-            across[y % PATCH] = wide;
-            inner[y % PATCH] = narrow;
-            if (y >= 2 * PATCH_RADIUS) {
-                vec sum = across[0], inner_sum = inner[(y - PATCH_RADIUS + PATCH) % PATCH];
+            for (int k = 1; k < PATCH; k++)
+                sum += across[k];
 #pragma unroll
-                for (int k = 1; k < PATCH; k++)
-                    sum += across[k];
-#pragma unroll
-                for (int k = 1; k <= INNER_RADIUS; k++)
-                    inner_sum += inner[(y - PATCH_RADIUS - k) % PATCH] + inner[(y - PATCH_RADIUS + k) % PATCH];
-                out[y - 2 * PATCH_RADIUS][v] = weight_of_sums(sum, inner_sum, scale);
-            }
+            for (int k = 1; k <= INNER_RADIUS; k++)
+                inner_sum += inner[(y - PATCH_RADIUS - k) % PATCH] + inner[(y - PATCH_RADIUS + k) % PATCH];
+            out[y - 2 * PATCH_RADIUS] = weight_of_sums(sum, inner_sum, scale);
         }
     }
 }

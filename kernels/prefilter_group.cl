@@ -78,7 +78,7 @@ GROUP_KERNEL void prefilter_group(CONST_PLANES(feature), CONST_PLANES(variance),
 #pragma unroll
         for (int r = 0; r < OUTPUTS; r++) {
             const float distance = fmax(excess[r] * (1.f / (PATCH * PATCH)), 0.f);
-            const float weight = falloff(-0.25f * distance);
+            const float weight = falloff(distance, -0.25f);
             const int row = min(y + r, height - 1) + dy;
             total[r] += weight;
 #pragma unroll

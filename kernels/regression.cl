@@ -4,110 +4,24 @@
  * weighted least squares over the search window, and the constant of that function is the result: with M = sum w t t^T
  * and R = sum w t c^T it is z^T R, where M z = e_0, one solve for any number of colours.
  *
- * A work-item fits a whole tile. First the weights, offset by offset, as patches are shared between neighbours. Then
- * the moments, GROUP of them at a time: a product of two terms is the same for every pixel whose window holds it, so a
- * wide tile makes it once, and a moment is a plain weighted sum that stays in a register. Two rows, as far apart as the
- * rows of the window, are summed together: a product that is loaded serves both. Terms are taken about the mean of the
- * block (terms.cl), and the moments moved to the pixel at the end; what rounding then leaves is small against the
- * ridge, which grows with the distance between the two.
+ * A work-item fits a whole tile. First the weights, a row of offsets at once, as patches are shared between neighbours.
+ * Then the moments, GROUP of them at a time: a product of two terms is the same for every pixel whose window holds it,
+ * so a wide tile makes it once, and a moment is a plain weighted sum that stays in a register. Two rows, as far apart
+ * as the rows of the window, are summed together: a product that is loaded serves both. What y is a factor of is no sum
+ * of its own: y is the same along a row of the window. Terms are taken about the mean of the block (terms.cl), and the
+ * moments moved to the pixel at the end; what rounding then leaves is small against the ridge, which grows with the
+ * distance between the two.
  */
 #define FITS 2
-#include "first_order.h"
+#define CHANNELS 3
 #include "patch.h"
+#include "taps.h"
 
-#define GROUP 6 /* 12 sums, 2 weights and a product: 15 of 16 registers */
 #define MOMENTS ((COLOR_MOMENT(TERMS, COLORS, 0) + GROUP - 1) / GROUP * GROUP)
-#define LINES (ROWS + 2 * REACH)
-#define LINE (((COLUMNS + 2 * REACH + WIDTH - 1) / WIDTH) * WIDTH)
 
-/* Rows r and r + STRIDE are a pair; the last ones may lack a partner. */
-#define ROWS_LEFT (ROWS % (2 * STRIDE))
-#define PAIRS (ROWS / (2 * STRIDE) * STRIDE + (ROWS_LEFT < STRIDE ? ROWS_LEFT : STRIDE))
-#define FIRST_ROW(pair) ((pair) / STRIDE * 2 * STRIDE + (pair) % STRIDE)
-
-/* Where a pair's windows together have pixels: a row more than one has; those at the edge of the inner window, which
- * one of the two counts to it and the other does not, twice. */
-#define TAPS ((SIDE + 1) * SIDE + 2 * (2 * INNER + 1))
-
-/* The pixels of a pair's windows: where their products are, and their weights for both. */
-typedef struct {
-    vec weight[TAPS][2];
-    int place[TAPS];
-    int inner, count; /* taps of the inner windows come first */
-} Taps;
-
-/* The same for any pair, before taps of no weight are dropped; and which tap an offset has for the first row of a pair,
- * [0], and for the second. */
-typedef struct {
-    short tap[2][SIDE * SIDE];
-    int place[TAPS];
-    int inner, count;
-} Order;
-
-/* 0 out of the window, else 1, or 2 in the inner window; counted from the window's corner. */
-inline int part_of_window(int dx, int dy)
-{
-    dx -= SEARCH_RADIUS;
-    dy -= SEARCH_RADIUS;
-#ifdef WITH_INNER
-    if (IN_DISC(dx, dy, INNER))
-        return 2;
-#endif
-    return IN_DISC(dx, dy, SEARCH_RADIUS);
-}
-
-inline void put_in_order(Order *order)
-{
-    int count = 0;
-    for (int part = 2; part > 0; part--) {
-        for (int k = 0; k <= SIDE; k++)
-            for (int dx = 0; dx < SIDE; dx++) {
-                const bool first = k < SIDE && part_of_window(dx, k) == part;
-                const bool second = k > 0 && part_of_window(dx, k - 1) == part;
-                if (first)
-                    order->tap[0][k * SIDE + dx] = count;
-                if (second)
-                    order->tap[1][(k - 1) * SIDE + dx] = count;
-                if (first || second)
-                    order->place[count++] = (k * LINE + dx) * STRIDE;
-            }
-        if (part == 2)
-            order->inner = count;
-    }
-    order->count = count;
-}
-
-inline void drop_zeros(Taps *taps, const Order *order)
-{
-    int count = 0;
-    taps->inner = 0;
-    for (int i = 0; i < order->count; i++) {
-        const vec first = taps->weight[i][0], second = taps->weight[i][1];
-        if (ANY(first + second > (vec)(0.f))) {
-            taps->weight[count][0] = first;
-            taps->weight[count][1] = second;
-            taps->place[count++] = order->place[i];
-        }
-        if (i + 1 == order->inner)
-            taps->inner = count;
-    }
-    taps->count = count;
-}
-
-/* sums += weights times products, over some of the taps. */
-inline void add_taps(const Taps *taps, int from, int to, const float *products, vec sum[2][GROUP])
-{
-    for (int t = from; t < to; t++) {
-        const vec first = taps->weight[t][0], second = taps->weight[t][1];
-        const float *product = products + taps->place[t];
-#pragma unroll
-        for (int i = 0; i < GROUP; i++) {
-            const vec value = LOAD(product + i * LINES * LINE);
-            sum[0][i] += first * value;
-            sum[1][i] += second * value;
-        }
-    }
-}
+#define Y 2 /* the term */
+#define REST(a) max((a) - 2, 0) /* place of x or of a component among them */
+#define MOMENT(a, b) ((a) < terms ? LOWER(a, b) : COLOR_MOMENT(terms, (a) - terms, b)) /* colours come after the terms */
 
 /* z^T R, with M z = e_0, for the pixels where the terms are `at`. m: moments of terms and colours about the block's mean;
  * ridges: of components and positions, per unit of weight. */
@@ -165,20 +79,27 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
             for (int i = 0; i < order.count; i++)
                 for (int which = 0; which < 2; which++)
                     taps[pair][v].weight[i][which] = (vec)(0.f);
+    const float scale = -0.25f / (bandwidth * bandwidth);
     global const float *t = tone + INDEX(tone, 0, y, x);
     global const float *s = variance + INDEX(variance, 0, y, x);
-    for (int o = 0; o < SIDE * SIDE; o++) {
-        if (part_of_window(o % SIDE, o / SIDE) == 0)
-            continue;
-        const int dy = (o / SIDE - SEARCH_RADIUS) * STRIDE, dx = (o % SIDE - SEARCH_RADIUS) * STRIDE;
-        vec weight[ROWS][VECTORS];
-        patch_weights(t, t + dy * tone_row + dx, tone_row, tone_plane, s, s + dy * variance_row + dx, variance_row,
-                      -0.25f / (bandwidth * bandwidth), weight);
-        for (int pair = 0; pair < PAIRS; pair++)
-            for (int which = 0; which < 2; which++) {
-                const int r = FIRST_ROW(pair) + which * STRIDE;
-                for (int v = 0; v < VECTORS && r < ROWS; v++)
-                    taps[pair][v].weight[order.tap[which][o]][which] = weight[r][v];
+    for (int dy = 0; dy < SIDE; dy++) {
+        int first = 0;
+        while (part_of_window(first, dy) == 0)
+            first++;
+        const int across = SIDE - 2 * first;
+        const int x_move = (first - SEARCH_RADIUS) * STRIDE, y_move = (dy - SEARCH_RADIUS) * STRIDE;
+        vec excess[SIDE][PATCH_ROWS][SPAN_VECTORS];
+        excess_of_offsets(t, t + y_move * tone_row + x_move, tone_row, tone_plane, s, s + y_move * variance_row + x_move,
+                          variance_row, STRIDE, across, excess);
+        for (int n = 0; n < across; n++)
+            for (int v = 0; v < VECTORS; v++) {
+                vec weight[ROWS];
+                weights_of_column(excess[n], v, scale, weight);
+#pragma unroll
+                for (int r = 0; r < ROWS; r++) {
+                    const int which = PLACE_IN_PAIR(r), tap = order.tap[which][dy * SIDE + first + n];
+                    taps[PAIR_OF(r)][v].weight[tap][which] = weight[r];
+                }
             }
     }
     for (int pair = 0; pair < PAIRS; pair++)
@@ -230,23 +151,34 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
                 STORE(LOAD(here + (FEATURES + k) * stack_plane) - base[k], &factors[terms + k][line][c]);
         }
 
-    /* By place, not by a counter, whose loops one runtime's compiler gets wrong. */
-    uchar first[MOMENTS], second[MOMENTS];
-    const int total = COLOR_MOMENT(terms, COLORS, 0);
-    for (int a = 0; a < terms; a++)
-        for (int b = 0; b <= a; b++)
-            first[LOWER(a, b)] = a, second[LOWER(a, b)] = b;
-    for (int k = 0; k < COLORS; k++)
-        for (int a = 0; a < terms; a++)
-            first[COLOR_MOMENT(terms, k, a)] = a, second[COLOR_MOMENT(terms, k, a)] = terms + k;
-    for (int i = total; i < MOMENTS; i++)
+    /* Which products are summed, and which moments these sums are: first those of the constant with all but y, which give
+     * those of y as well; then those of y with itself and of all other terms. By place, not by a counter, whose loops one
+     * runtime's compiler gets wrong. */
+    uchar first[MOMENTS], second[MOMENTS], moment[MOMENTS], moment_of_y[TERMS + COLORS];
+    const int total = COLOR_MOMENT(terms, COLORS, 0), with_y = terms + COLORS - 1;
+    const int sums = with_y + 1 + COLOR_MOMENT(terms - 2, COLORS, 0);
+    for (int i = 0; i < MOMENTS; i++)
         first[i] = second[i] = 0;
+    for (int a = 0; a < terms + COLORS; a++) {
+        if (a == Y)
+            continue;
+        const int place = a < Y ? a : a - 1;
+        second[place] = a, moment[place] = MOMENT(a, 0);
+        moment_of_y[place] = a < Y ? LOWER(Y, a) : MOMENT(a, Y);
+        for (int b = 1; b <= min(a, terms - 1); b++)
+            if (b != Y) {
+                const int among = a < terms ? LOWER(REST(a), REST(b)) : COLOR_MOMENT(terms - 2, a - terms, REST(b));
+                first[with_y + 1 + among] = b, second[with_y + 1 + among] = a;
+                moment[with_y + 1 + among] = MOMENT(a, b);
+            }
+    }
+    first[with_y] = second[with_y] = Y, moment[with_y] = LOWER(Y, Y);
 
     vec moments[PAIRS][VECTORS][MOMENTS][2];
 #ifdef WITH_INNER
     vec inside[PAIRS][VECTORS][MOMENTS][2];
 #endif
-    for (int start = 0; start < total; start += GROUP) {
+    for (int start = 0; start < sums; start += GROUP) {
         float products[GROUP][LINES][LINE];
         for (int i = 0; i < GROUP; i++) {
             const float *a = &factors[first[start + i]][0][0], *b = &factors[second[start + i]][0][0];
@@ -256,22 +188,26 @@ kernel void regress(CONST_PLANES(tone), CONST_PLANES(variance), CONST_PLANES(sta
         for (int pair = 0; pair < PAIRS; pair++)
             for (int v = 0; v < VECTORS; v++) {
                 const float *here = &products[0][FIRST_ROW(pair)][v * WIDTH];
-                vec sum[2][GROUP];
+                const float last_y = FIRST_ROW(pair) + SIDE * STRIDE - REACH - ROWS / 2;
+                vec sum[2][GROUP], below[2][GROUP];
 #pragma unroll
                 for (int i = 0; i < GROUP; i++)
-                    sum[0][i] = sum[1][i] = (vec)(0.f);
-                add_taps(&taps[pair][v], 0, taps[pair][v].inner, here, sum);
+                    sum[0][i] = sum[1][i] = below[0][i] = below[1][i] = (vec)(0.f);
+#define ADD_PART(part, to)                                                                                             \
+    if (start < with_y) {                                                                                              \
+        add_part_by_rows(&taps[pair][v], part, here, sum, below);                                                      \
+        for (int i = 0; i < GROUP && start + i < with_y; i++)                                                          \
+            for (int which = 0; which < 2; which++)                                                                    \
+                to[pair][v][moment_of_y[start + i]][which] = last_y * sum[which][i] - (float)STRIDE * below[which][i]; \
+    } else                                                                                                             \
+        add_part(&taps[pair][v], part, here, sum);                                                                     \
+    for (int i = 0; i < GROUP && start + i < sums; i++)                                                                \
+        for (int which = 0; which < 2; which++)                                                                        \
+            to[pair][v][moment[start + i]][which] = sum[which][i];
 #ifdef WITH_INNER
-                for (int i = 0; i < GROUP; i++) {
-                    inside[pair][v][start + i][0] = sum[0][i];
-                    inside[pair][v][start + i][1] = sum[1][i];
-                }
+                ADD_PART(0, inside)
 #endif
-                add_taps(&taps[pair][v], taps[pair][v].inner, taps[pair][v].count, here, sum);
-                for (int i = 0; i < GROUP; i++) {
-                    moments[pair][v][start + i][0] = sum[0][i];
-                    moments[pair][v][start + i][1] = sum[1][i];
-                }
+                ADD_PART(1, moments)
             }
     }
 

@@ -17,10 +17,10 @@ INLINE vec excess_of_noise(vec squares, vec here, vec there)
     return (squares - (here + smaller(here, there))) / (here + there + LEAST_VARIANCE);
 }
 
-/* (1 - d / 4)^4 where exp(-d) would do as well: it ends, and costs four operations. x = -d / 4. */
-INLINE vec falloff(vec x)
+/* (1 - d / 4)^4 where exp(-d) would do as well: it ends, and costs four operations. -d / 4 is scale * distance. */
+INLINE vec falloff(vec distance, float scale)
 {
-    const vec t = BOUNDED((vec)(1.f) + x, (vec)(0.f), (vec)(1.f)), t2 = t * t;
+    const vec t = BOUNDED(scale * distance + (vec)(1.f), (vec)(0.f), (vec)(1.f)), t2 = t * t;
     return t2 * t2;
 }
 
@@ -29,7 +29,7 @@ INLINE vec falloff(vec x)
 INLINE vec weight_of_sums(vec wide, vec narrow, float scale)
 {
     const float norm = scale / (PATCH * PATCH), inner_norm = scale / (INNER_PATCH * INNER_PATCH);
-    return 0.5f * (falloff(norm * wide) + falloff(inner_norm * narrow));
+    return 0.5f * (falloff(wide, norm) + falloff(narrow, inner_norm));
 }
 
 #endif

@@ -24,12 +24,13 @@ def prefilter(engine: Engine, feature: Planes, variance: Planes) -> tuple[Planes
     height, width, channels = feature.height, feature.width, feature.channels
     padded = [pad(engine, image, border) for image in (feature, variance, channel_sum(engine, variance))]
     out, left = engine.planes(channels, height, width), engine.planes(channels, height, width)
-    arguments = (*padded, height, width, SEARCH_RADIUS, out, left)
     if engine.shape.schedule == "group":
         cut = patch_defines(engine, PATCH_RADIUS, GROUP_OUTPUTS)
         kernel = engine.kernel("prefilter_group.cl", "prefilter_group", **cut, CHANNELS=channels)
+        arguments = (*padded, height, width, SEARCH_RADIUS, out, left)
         engine.launch("prefilter", kernel, items(height, width, cut), *arguments, local=engine.shape.group)
     else:
-        kernel = engine.kernel("prefilter.cl", "prefilter", **engine.tile_defines(PATCH_RADIUS), CHANNELS=channels)
-        engine.launch("prefilter", kernel, engine.tiles(height, width), *arguments, single=True)
+        defines = engine.tile_defines(PATCH_RADIUS) | {"SEARCH_RADIUS": SEARCH_RADIUS, "CHANNELS": channels}
+        kernel = engine.kernel("prefilter.cl", "prefilter", **defines)
+        engine.launch("prefilter", kernel, engine.tiles(height, width), *padded, height, width, out, left, single=True)
     return out, left
