@@ -24,6 +24,17 @@ def tiles_work(device):
 
 
 @pytest.fixture(scope="session")
+def can_be_right(tiles_work):
+    """Skips a test of a schedule that cannot be right on this device."""
+
+    def check(schedule):
+        if schedule == "tile" and not tiles_work:
+            pytest.skip("loops end early here, so that tiles come out wrong: upstream/rusticl_loops.py")
+
+    return check
+
+
+@pytest.fixture(scope="session")
 def engine(device):
     return Engine(cl.CommandQueue(context_for(device), device))
 

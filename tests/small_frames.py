@@ -154,7 +154,9 @@ def run_case(queue: cl.CommandQueue, case: Case, size: tuple[int, int] = SMALL, 
 
 
 def _on_device(queue: cl.CommandQueue, image: np.ndarray, case: Case) -> cl_array.Array:
-    image = image.astype(case.dtype)
+    # Without double precision a device takes single.
+    double = case.dtype == "f8" and "cl_khr_fp64" in queue.device.extensions
+    image = image.astype(case.dtype if case.dtype != "f8" or double else "f4")
     if case.packed:
         return cl_array.to_device(queue, image)
     return cl_array.to_device(queue, np.repeat(image, 2, axis=1))[:, ::2]
