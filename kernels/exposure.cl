@@ -58,7 +58,7 @@ kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, int f
         }
         const vec v = LOAD(l), one = (vec)(1.f), zero = (vec)(0.f);
         for (int k = least; k <= most; k++) {
-            const vec low = (vec)(as_float(k << BIN_BITS)), next = (vec)(as_float(k + 1 << BIN_BITS));
+            const vec low = (vec)(as_float(k << BIN_BITS)), next = (vec)(as_float((k + 1) << BIN_BITS));
             const vec from_here = v >= low ? (v > zero ? one : zero) : zero;
             const vec counted = k < BINS - 1 ? (v < next ? from_here : zero) : from_here;
             /* fast_log is for normal and finite numbers, as those between the first and the last bin are. */
