@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 from ..engine import Engine, Planes
 from ..stages.also import blend_also, fit_also
@@ -104,9 +105,12 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     known = bool(known_noise(planes))
     if known:
         quiet = facts.quiet if facts else quiet_frame(engine, planes)
-    fits = partial(_first_fits, engine, channel_sum(engine, frame.variance), terms, p)
+    window = {"search_radius": p.search_radius, "patch_radius": p.patch_radius, "bandwidth": p.bandwidth}
+    window |= {"with_inner": True}
+    fits = partial(_ready, engine, channel_sum(engine, frame.variance), terms, p, window)
     (current, also), (narrow, also_narrow) = fit_also(engine, fits(frame.color), noisy, frame.also)
-    second_fit = partial(_second_fit, engine, variance_left(engine, current), terms, p)
+    window = {"search_radius": p.wide_radius, "patch_radius": 1, "bandwidth": p.wide_bandwidth, "stride": p.wide_stride}
+    second_fit = partial(_ready, engine, variance_left(engine, current), terms, p, window)
     ((wide, also_wide),) = fit_also(engine, second_fit(current.part(0, 3)), current, also)
 
     def mix_layers_in(candidate: Planes | None, share: Planes) -> None:
@@ -132,7 +136,7 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     mix_layers_in(frame.also, input_share)
     if known:
         disturbed = None
-        if quiet():
+        if quiet():  # the one thing that the host has to know; it was asked for before all fits
             color = _disturbed(engine, planes, frame, facts)
             mix, narrow = fits(color)(color)
             (wide,) = second_fit(mix)(mix)
@@ -146,40 +150,11 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
     return finish(engine, frame, current.part(0, 3), also, p, terms, facts, shares=shares, error=error)
 
 
-def _first_fits(
-    engine: Engine, variance: Planes, terms: Terms | None, p: Parameters, tone: Planes
+def _ready(
+    engine: Engine, variance: Planes, terms: Terms | None, p: Parameters, window: dict[str, Any], tone: Planes
 ) -> Callable[..., tuple[Planes, ...]]:
-    """Over the whole window and its middle: `first_order_regression`, ready but for what is fitted."""
-    return partial(
-        first_order_regression,
-        engine,
-        tone,
-        variance,
-        terms,
-        search_radius=p.search_radius,
-        patch_radius=p.patch_radius,
-        bandwidth=p.bandwidth,
-        with_inner=True,
-        **ridges(p),
-    )
-
-
-def _second_fit(
-    engine: Engine, variance: Planes, terms: Terms | None, p: Parameters, tone: Planes
-) -> Callable[..., tuple[Planes, ...]]:
-    """Over the wide window, of a frame that the first fits have filtered."""
-    return partial(
-        first_order_regression,
-        engine,
-        tone,
-        variance,
-        terms,
-        search_radius=p.wide_radius,
-        patch_radius=1,
-        stride=p.wide_stride,
-        bandwidth=p.wide_bandwidth,
-        **ridges(p),
-    )
+    """`first_order_regression` over a window, guided by `tone`: ready but for what is fitted."""
+    return partial(first_order_regression, engine, tone, variance, terms, **window, **ridges(p))
 
 
 def _disturbed(engine: Engine, planes: dict[str, Planes], frame: Prepared, facts: Facts | None) -> Planes:

@@ -23,7 +23,7 @@ from ..stages.variance import (
     variance_from_halves,
     variance_from_image,
 )
-from .facts import Facts
+from .facts import Facts, known_noise
 
 FEATURES = ("albedo", "normal", "depth")
 FEATURE_VARIANCES = tuple(f"{name}_variance" for name in FEATURES)
@@ -51,9 +51,8 @@ def hold_back_outliers(
     engine: Engine, planes: dict[str, Planes], color: Planes, variance: Planes, limit: float
 ) -> tuple[Planes, Planes]:
     """`scale_outliers`, in place, for a frame with these planes: what was removed, and the factor of each pixel."""
-    from_samples = "color_variance" in planes
-    significant = SIGNIFICANT if from_samples or "color_a" in planes else math.inf
-    return scale_outliers(engine, color, variance, limit, significant, by_chance=not from_samples)
+    significant = SIGNIFICANT if known_noise(planes) else math.inf
+    return scale_outliers(engine, color, variance, limit, significant, by_chance="color_variance" not in planes)
 
 
 def exposed_layers(

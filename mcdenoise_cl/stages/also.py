@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import pyopencl as cl
 
 from ..engine import Engine, Planes
+from .rows import STRETCH
 
 #: Part of the pixels in which layers must sum to the colour, for them to be all that it is made of.
 ENOUGH = 0.99
@@ -19,10 +20,6 @@ ENOUGH = 0.99
 #: Layers that are fitted at a time: they share weights and the moments of the features. Moments of one are what a GPU
 #: has registers for.
 TOGETHER = {"tile": 3, "group": 1}
-
-#: How many pixels of a row a work-item counts. A whole row of many layers has more turns than
-#: tests/upstream/rusticl_loops.py gets.
-STRETCH = 256
 
 
 def each_layer(layers: Planes | None) -> Iterator[Planes]:

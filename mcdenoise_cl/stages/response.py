@@ -8,16 +8,13 @@ import numpy as np
 import pyopencl as cl
 
 from ..engine import Engine, Planes
-from .rows import Rows
+from .rows import STRETCH, Rows
 
 #: A frame is quiet where the noise of most pixels that have any is below this part of their luminance.
 QUIET = 0.03
 
 #: Part of the noise that is added: enough to stand out from rounding, and no more than weights answer in proportion to.
 PART = 0.25
-
-#: How many pixels of a row a work-item counts.
-STRETCH = 256
 
 
 def look_for_noise(engine: Engine, bands: Iterable[tuple[Planes, Sequence[Planes], Rows]]) -> Callable[[], bool]:

@@ -6,6 +6,10 @@ from dataclasses import dataclass
 
 from ..engine import Planes
 
+#: How many pixels of a row a work-item counts. A whole row of many layers has more turns than
+#: tests/upstream/rusticl_loops.py gets.
+STRETCH = 256
+
 
 @dataclass(frozen=True)
 class Rows:
