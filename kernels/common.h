@@ -22,18 +22,24 @@
 #define JOIN(a, b) JOIN_(a, b)
 #if WIDTH == 1
 typedef float vec;
+typedef int whole;
+#define AS_WHOLE(v) as_int(v)
 #define LOAD(p) (*(p))
 #define STORE(v, p) (*(p) = (v))
 #define ALL(condition) (condition)
 #define ANY(condition) (condition)
+#define least_lane(v) (v)
+#define most_lane(v) (v)
 #define larger fmax
 #define smaller fmin
 #else
 typedef JOIN(float, WIDTH) vec;
+typedef JOIN(int, WIDTH) whole;
+#define AS_WHOLE(v) JOIN(as_int, WIDTH)(v)
 #define LOAD(p) load(p)
 #define STORE(v, p) store(v, p)
-#define ALL(condition) all(condition)
-#define ANY(condition) any(condition)
+#define ALL(condition) (lanes_and(condition) < 0)
+#define ANY(condition) (lanes_or(condition) < 0)
 
 /* Some runtimes (PoCL 3.0) call what others have as one instruction, vload, fmax and the like, and then spend most of the
  * time there. Of a NaN and a number, `larger` and `smaller` give the second. */
@@ -79,6 +85,31 @@ OVERLOADED float smaller(float a, float b)
 {
     return a < b ? a : b;
 }
+
+/* Of the lanes of a vector, in a few steps; `all` and `any` ask one after the other. */
+#define LANES(name, OF) \
+    OVERLOADED int name(int4 v) { const int2 two = OF(v.lo, v.hi); return OF(two.x, two.y); } \
+    OVERLOADED int name(int8 v) { return name(OF(v.lo, v.hi)); } \
+    OVERLOADED int name(int16 v) { return name(OF(v.lo, v.hi)); }
+#define BOTH(a, b) ((a) & (b))
+#define EITHER(a, b) ((a) | (b))
+#define LESS(a, b) ((a) < (b) ? (a) : (b))
+#define MORE(a, b) ((a) > (b) ? (a) : (b))
+LANES(lanes_and, BOTH)
+LANES(lanes_or, EITHER)
+LANES(least_lane, LESS)
+LANES(most_lane, MORE)
+
+/* STORE to a multiple of WIDTH floats from the start of a buffer, of what is not read again while the caches hold it: past
+ * them, if the compiler can, or a processor would first read what it is to overwrite. */
+#ifdef __has_builtin
+#if __has_builtin(__builtin_nontemporal_store)
+#define STREAM(v, p) __builtin_nontemporal_store(v, (global vec *)(p))
+#endif
+#endif
+#endif
+#ifndef STREAM
+#define STREAM STORE
 #endif
 #define BOUNDED(x, low, high) smaller(larger(x, low), high)
 

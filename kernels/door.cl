@@ -33,14 +33,7 @@
 #define SOURCE_ARGUMENTS global const SOURCE *restrict source, int offset, int row, int column, int channel
 
 /* All ones in an infinity and in a NaN: bits are asked, since to some compilers x * 0 is 0 whatever x is. */
-#define EXPONENT 0x7f800000U
-#if WIDTH == 1
-typedef uint bits;
-#define AS_BITS(v) as_uint(v)
-#else
-typedef JOIN(uint, WIDTH) bits;
-#define AS_BITS(v) JOIN(as_uint, WIDTH)(v)
-#endif
+#define EXPONENT 0x7f800000
 
 /* The pixel, or what takes its place. */
 inline bool pixel_at(SOURCE_ARGUMENTS, int y, int x, float value[CHANNELS])
@@ -80,7 +73,7 @@ kernel void door(SOURCE_ARGUMENTS, int height, int width, int start, int stop, i
         return;
     if (x + WIDTH <= width) {
         vec value[CHANNELS];
-        bits largest = (bits)(0);
+        whole largest = (whole)(0);
 #if defined(PACKED) && defined(READ_VECTOR) && WIDTH > 1 && CHANNELS == 3
         global const SOURCE *from = source + offset + y * row + x * CHANNELS;
         take_apart(READ_VECTOR(from), READ_VECTOR(from + WIDTH), READ_VECTOR(from + 2 * WIDTH), value);
@@ -95,10 +88,10 @@ kernel void door(SOURCE_ARGUMENTS, int height, int width, int start, int stop, i
             value[c] = LOAD(lanes[c]);
 #endif
         for (int c = 0; c < CHANNELS; c++)
-            largest = max(largest, AS_BITS(value[c]) & EXPONENT);
+            largest = max(largest, AS_WHOLE(value[c]) & EXPONENT);
         if (ALL(largest < EXPONENT)) {
             for (int c = 0; c < CHANNELS; c++)
-                STORE(value[c], out + INDEX(out, c, y - start, x));
+                STREAM(value[c], out + INDEX(out, c, y - start, x));
             return;
         }
     }

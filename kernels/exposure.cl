@@ -8,32 +8,14 @@
  * counts of each BIN_OCTAVES of luminance tell what lies too far below the level that the brightest LIT_PART reach.
  * Where nothing does, the mean is that of the plain sum.
  */
-#include "common.h"
 #include "fast_math.h"
+#include "kahan.h"
 
 /* A bin is a number's bits without the last BIN_BITS: 23 of the fraction and 3 of the exponent, so 8 octaves. */
 #define BIN_BITS 26
 #define BINS 32
 /* Columns of sums and of counts: the bins, and everything. */
 enum { EVERYTHING = BINS, COLUMNS_OF_BINS };
-
-/* Kahan's sum: `lost` is what rounding has added too much. */
-inline void add_to(float *sum, float *lost, float value)
-{
-    const float term = value - *lost;
-    const float next = *sum + term;
-    *lost = (next - *sum) - term;
-    *sum = next;
-}
-
-/* The same, a sum in each lane. */
-inline void add_vector_to(vec *sum, vec *lost, vec value)
-{
-    const vec term = value - *lost;
-    const vec next = *sum + term;
-    *lost = (next - *sum) - term;
-    *sum = next;
-}
 
 /* Rows that follow row `first` of the frame; COLUMNS_OF_BINS sums and counts each. A vector is added to each bin that it
  * has something of, 0 for the rest. */
@@ -47,16 +29,17 @@ kernel void log_luminance_rows(CONST_PLANES(color), int height, int width, int f
     for (int k = 0; k < BINS; k++)
         sum[k] = lost[k] = count[k] = (vec)(0.f);
     for (int x = 0; x < width; x += WIDTH) {
-        float l[WIDTH];
-        STORE(luminance(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x), VECTOR_AT(color, 2, y, x)), l);
-        int least = BINS, most = -1;
-        for (int i = 0; i < WIDTH; i++) {
-            l[i] = x + i < width ? l[i] : 0.f;
-            const int bin = as_int(l[i]) >> BIN_BITS;
-            least = l[i] > 0.f ? min(least, bin) : least;
-            most = l[i] > 0.f ? max(most, bin) : most;
+        vec v = luminance(VECTOR_AT(color, 0, y, x), VECTOR_AT(color, 1, y, x), VECTOR_AT(color, 2, y, x));
+        if (x + WIDTH > width) {
+            float lanes[WIDTH];
+            STORE(v, lanes);
+            for (int i = width - x; i < WIDTH; i++)
+                lanes[i] = 0.f;
+            v = LOAD(lanes);
         }
-        const vec v = LOAD(l), one = (vec)(1.f), zero = (vec)(0.f);
+        const vec one = (vec)(1.f), zero = (vec)(0.f);
+        const whole bin = AS_WHOLE(v) >> BIN_BITS;
+        const int least = least_lane(v > zero ? bin : (whole)(BINS)), most = most_lane(v > zero ? bin : (whole)(-1));
         for (int k = least; k <= most; k++) {
             const vec low = (vec)(as_float(k << BIN_BITS)), next = (vec)(as_float((k + 1) << BIN_BITS));
             const vec from_here = v >= low ? (v > zero ? one : zero) : zero;

@@ -17,8 +17,6 @@ INLINE vec fast_log(vec x)
     return log(x);
 }
 #else
-typedef JOIN(int, WIDTH) whole;
-
 /* For x <= 88; 1 at 0; below -87 as there, 1.6e-38. Adding 1.5 * 2^23 rounds to whole numbers, kept in the lowest bits. */
 INLINE vec fast_exp(vec x)
 {
@@ -30,13 +28,13 @@ INLINE vec fast_exp(vec x)
     p = p * f + 2.40222421e-1f;
     p = p * f + 6.93146978e-1f;
     p = p * f + 1.f;
-    return JOIN(as_float, WIDTH)(JOIN(as_int, WIDTH)(p) + (JOIN(as_int, WIDTH)(rounded) << 23));
+    return JOIN(as_float, WIDTH)(AS_WHOLE(p) + (AS_WHOLE(rounded) << 23));
 }
 
 /* For normal x > 0; 0 at 1. x = m * 2^k with m from sqrt(1/2) to sqrt(2), 0x3f3504f3 being the bits of sqrt(1/2). */
 INLINE vec fast_log(vec x)
 {
-    const whole bits = JOIN(as_int, WIDTH)(x) - 0x3f3504f3, k = bits >> 23;
+    const whole bits = AS_WHOLE(x) - 0x3f3504f3, k = bits >> 23;
     const vec r = JOIN(as_float, WIDTH)((bits & 0x7fffff) + 0x3f3504f3) - 1.f;
     vec p = -1.00823773e-1f * r + 1.61805009e-1f;
     p = p * r - 1.72432249e-1f;

@@ -3,7 +3,7 @@
  * sigma of a channel = sqrt(pi/2) / 6 * mean |image * M|, where M, the difference of two Laplacians, is blind
  * to constants and slopes; channels are joined as the root of the mean square.
  */
-#include "common.h"
+#include "kahan.h"
 
 /* What counts of a pixel's response at most: sums over any frame stay finite, of light that does not as well. */
 #define MOST_RESPONSE 1e30f
@@ -16,12 +16,11 @@ kernel void laplacian_rows(CONST_PLANES(in), int height, int width, int first, i
     if (y >= height)
         return;
     const int up = reflect(y - 1, height), down = reflect(y + 1, height);
-    float sum = 0.f, lost = 0.f;
-    int x = 0;
-    while (x < width) {
-        /* A row's ends have a mirrored neighbour; between them a vector at a time, with a sum of its own that is short. */
+    /* A row's ends have a mirrored neighbour; between them a vector at a time. */
+    vec sum = (vec)(0.f), lost = (vec)(0.f);
+    float row = 0.f, lost_of_row = 0.f;
+    for (int x = 0; x < width;) {
         const bool inside = x > 0 && x + WIDTH < width;
-        float term;
         if (inside) {
             vec corners = (vec)(0.f), sides = (vec)(0.f);
             const vec centre = VECTOR_AT(in, c, y, x);
@@ -30,11 +29,7 @@ kernel void laplacian_rows(CONST_PLANES(in), int height, int width, int first, i
                 sides += VECTOR_AT(in, c, y, x + side) - centre;
             }
             sides += (VECTOR_AT(in, c, up, x) - centre) + (VECTOR_AT(in, c, down, x) - centre);
-            float lane[WIDTH];
-            STORE(fmin(fabs(corners - 2.f * sides), (vec)(MOST_RESPONSE)), lane);
-            term = 0.f;
-            for (int i = 0; i < WIDTH; i++)
-                term += lane[i];
+            add_vector_to(&sum, &lost, smaller(fabs(corners - 2.f * sides), (vec)(MOST_RESPONSE)));
         } else {
             const int left = reflect(x - 1, width), right = reflect(x + 1, width);
             const float centre = AT(in, c, y, x);
@@ -42,14 +37,15 @@ kernel void laplacian_rows(CONST_PLANES(in), int height, int width, int first, i
                                   (AT(in, c, down, left) - centre) + (AT(in, c, down, right) - centre);
             const float sides = (AT(in, c, up, x) - centre) + (AT(in, c, down, x) - centre) +
                                 (AT(in, c, y, left) - centre) + (AT(in, c, y, right) - centre);
-            term = fmin(fabs(corners - 2.f * sides), MOST_RESPONSE);
+            add_to(&row, &lost_of_row, smaller(fabs(corners - 2.f * sides), MOST_RESPONSE));
         }
-        const float next = sum + (term - lost);
-        lost = (next - sum) - (term - lost);
-        sum = next;
         x += inside ? WIDTH : 1;
     }
-    row_sum[c * rows + to + get_global_id(0)] = sum;
+    float lanes[WIDTH];
+    STORE(sum, lanes);
+    for (int i = 0; i < WIDTH; i++)
+        add_to(&row, &lost_of_row, lanes[i]);
+    row_sum[c * rows + to + get_global_id(0)] = row;
 }
 
 kernel void noise_from_rows(global const float *restrict row_sum, int channels, int height, int width,
@@ -58,12 +54,8 @@ kernel void noise_from_rows(global const float *restrict row_sum, int channels, 
     float squares = 0.f, largest = 0.f; /* squares relative to the largest, which alone might be infinite */
     for (int c = 0; c < channels; c++) {
         float sum = 0.f, lost = 0.f;
-        for (int y = 0; y < height; y++) {
-            const float term = row_sum[c * height + y] - lost;
-            const float next = sum + term;
-            lost = (next - sum) - term;
-            sum = next;
-        }
+        for (int y = 0; y < height; y++)
+            add_to(&sum, &lost, row_sum[c * height + y]);
         const float sigma = 0.20888568955f * sum / ((float)height * width); /* sqrt(pi / 2) / 6 */
         const float before = largest;
         largest = fmax(largest, sigma);

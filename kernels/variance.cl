@@ -81,7 +81,7 @@ kernel void clip(CONST_PLANES(in), int height, int width, float low, float high,
     const int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
     if (x >= width || y >= height)
         return;
-    AT(out, c, y, x) = clamp(AT(in, c, y, x), low, high);
+    AT(out, c, y, x) = BOUNDED(AT(in, c, y, x), low, high);
 }
 
 /* The first pixel of each plane. */

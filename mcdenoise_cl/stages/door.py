@@ -91,7 +91,7 @@ def door(
         rows: those to let in; None for all.
         count: whether pixels that were replaced in the wanted rows are to be counted.
         lost: what a pixel becomes where none within 8 is finite.
-        out: planes to write to; None for new ones.
+        out: planes to write to, without a border; None for new ones.
 
     Returns:
         Planes (channels, H, W) of these rows.
