@@ -88,7 +88,7 @@ kernel void hold_back(CONST_PLANES(bright), PLANES(color), PLANES(variance), int
     for (int c = 0; c < 3; c++) {
         const vec before = VECTOR_AT(color, c, y, x), after = f * before;
         STORE(after, color + INDEX(color, c, y, x));
-        STORE(before - after, removed + INDEX(removed, c, y, x));
+        STREAM(before - after, removed + INDEX(removed, c, y, x));
         STORE(f * f * VECTOR_AT(variance, c, y, x), variance + INDEX(variance, c, y, x));
     }
 }

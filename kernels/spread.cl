@@ -7,18 +7,57 @@
  */
 #include "common.h"
 
-/* The mean of each block, of each plane. */
+#if WIDTH > 1
+/* The sums of neighbours: of a, then of b. */
+inline vec pairs(vec a, vec b)
+{
+    vec sum;
+    sum.lo = a.even + a.odd;
+    sum.hi = b.even + b.odd;
+    return sum;
+}
+
+/* One of a, one of b, and so on: as many in each of two vectors. */
+inline void weave(vec a, vec b, vec *first, vec *second)
+{
+    vec low, high;
+    low.even = a.lo;
+    low.odd = b.lo;
+    high.even = a.hi;
+    high.odd = b.hi;
+    *first = low;
+    *second = high;
+}
+#endif
+
+/* The mean of each block, of each plane; a work-item takes WIDTH blocks. */
 kernel void block_means(CONST_PLANES(in), int height, int width, PLANES(out))
 {
-    const int bx = get_global_id(0), by = get_global_id(1), c = get_global_id(2);
+    const int bx = get_global_id(0) * WIDTH, by = get_global_id(1), c = get_global_id(2);
     if (bx * SCALE >= width || by * SCALE >= height)
         return;
-    const int right = min((bx + 1) * SCALE, width), bottom = min((by + 1) * SCALE, height);
-    float sum = 0.f;
-    for (int y = by * SCALE; y < bottom; y++)
-        for (int x = bx * SCALE; x < right; x++)
-            sum += AT(in, c, y, x);
-    AT(out, c, by, bx) = sum / ((bottom - by * SCALE) * (right - bx * SCALE));
+    const int bottom = min((by + 1) * SCALE, height);
+#if SCALE == 4 && WIDTH > 1
+    if ((bx + WIDTH) * SCALE <= width) {
+        vec sum[SCALE];
+        for (int k = 0; k < SCALE; k++)
+            sum[k] = (vec)(0.f);
+        for (int y = by * SCALE; y < bottom; y++)
+            for (int k = 0; k < SCALE; k++)
+                sum[k] += VECTOR_AT(in, c, y, bx * SCALE + k * WIDTH);
+        const vec total = pairs(pairs(sum[0], sum[1]), pairs(sum[2], sum[3]));
+        STORE(total / (SCALE * (bottom - by * SCALE)), out + INDEX(out, c, by, bx));
+        return;
+    }
+#endif
+    for (int i = bx; i < bx + WIDTH && i * SCALE < width; i++) {
+        const int right = min((i + 1) * SCALE, width);
+        float sum = 0.f;
+        for (int y = by * SCALE; y < bottom; y++)
+            for (int x = i * SCALE; x < right; x++)
+                sum += AT(in, c, y, x);
+        AT(out, c, by, i) = sum / ((bottom - by * SCALE) * (right - i * SCALE));
+    }
 }
 
 #define MOST_LIGHT 0.04f
@@ -34,38 +73,17 @@ kernel void brightness(CONST_PLANES(blocks), CONST_PLANES(removed), int down, in
     AT(out, 0, by, bx) = (own + part * back) / 3.f;
 }
 
-/* What three boxes, each so many blocks wide, leave in its place of the light of block i, of n in a row: a quadratic
- * spline and what its mirror images add. The first and the last block, which are not repeated, are their own images. */
-inline float spline(float t)
-{
-    t = fabs(t);
-    return t < 0.5f ? 0.75f - t * t : t < 1.5f ? 0.5f * (1.5f - t) * (1.5f - t) : 0.f;
-}
-
-inline float left_in_place(int i, int n, int box)
-{
-    if (n == 1)
-        return 1.f;
-    const int period = 2 * (n - 1), images = 3 * box / (2 * period) + 1;
-    float sum = 0.f;
-    for (int image = -images; image <= images; image++) {
-        sum += spline(image * period / (float)box);
-        if (i > 0 && i < n - 1)
-            sum += spline((image * period - 2 * i) / (float)box);
-    }
-    return sum / box;
-}
-
 /* What was removed from each block, as far as its blur makes no more than MOST_LIGHT of the light at its place; and the
  * part of it that this is. level: the light there with `counted` of what was removed, of which the block's own is taken
- * off again. */
+ * off again. left_down, left_across: what the blur leaves in place, of each row and of each column. */
 kernel void limit_removed(CONST_PLANES(level), CONST_PLANES(removed), CONST_PLANES(counted), int down, int across,
-                          int box, PLANES(limited), PLANES(kept))
+                          global const float *restrict left_down, global const float *restrict left_across,
+                          PLANES(limited), PLANES(kept))
 {
     const int bx = get_global_id(0), by = get_global_id(1);
     if (bx >= across || by >= down)
         return;
-    const float in_place = left_in_place(by, down, box) * left_in_place(bx, across, box) / 3.f;
+    const float in_place = left_down[by] * left_across[bx] / 3.f;
     const float alone = in_place * (AT(removed, 0, by, bx) + AT(removed, 1, by, bx) + AT(removed, 2, by, bx));
     const float own = in_place * (AT(counted, 0, by, bx) + AT(counted, 1, by, bx) + AT(counted, 2, by, bx));
     const float most = MOST_LIGHT / (1.f - MOST_LIGHT) * larger(AT(level, 0, by, bx) - own, 0.f);
@@ -83,17 +101,6 @@ inline float between_blocks(int i, int *before)
     return at + *before;
 }
 
-/* Removed light and brightness of a block. */
-#define BLOCK_AT(y, x) \
-    (float4)(AT(removed, 0, y, x), AT(removed, 1, y, x), AT(removed, 2, y, x), AT(bright, 0, y, x))
-
-/* At most half as much again, whatever a fit has left of the surroundings. */
-inline float gain_of(float4 here)
-{
-    const float mean = (here.x + here.y + here.z) / 3.f;
-    return 1.f + 0.5f * mean / larger(larger(here.w, mean), 1e-9f);
-}
-
 /* The two rows of blocks, of those up to `bottom`, between which a row of pixels lies, and how far from the first. */
 inline float between_rows(int y, int bottom, int *top, int *next)
 {
@@ -105,63 +112,80 @@ inline float between_rows(int y, int bottom, int *top, int *next)
     return down;
 }
 
-/* A work-item takes SCALE pixels of a row. The image is rows `first` to `first + rows` of a frame of `height`. */
-kernel void give_back(CONST_PLANES(image), CONST_PLANES(removed), CONST_PLANES(bright), int height, int width, int first,
-                      int rows, PLANES(out))
+/* A plane between two rows of blocks, at blocks bx - 1, bx and bx + 1; the first and the last go on beyond the ends. */
+inline void around(CONST_PLANES(of_blocks), int c, int top, int next, float down, int bx, int last, vec out[3])
 {
-    const int bx = get_global_id(0), y = get_global_id(1);
-    const int last = (width - 1) / SCALE, bottom = (height - 1) / SCALE;
-    if (bx > last || y >= rows)
-        return;
-    int before, top, next;
-    const float down = between_rows(first + y, bottom, &top, &next);
-    float4 blocks[3]; /* left, own, right */
     for (int i = 0; i < 3; i++) {
-        const int x = clamp(bx + i - 1, 0, last);
-        blocks[i] = mix(BLOCK_AT(top, x), BLOCK_AT(next, x), down);
-    }
-#pragma unroll
-    for (int i = 0; i < SCALE; i++) {
-        const int x = bx * SCALE + i;
-        if (x >= width)
-            return;
-        const float across = between_blocks(i, &before);
-        const float4 here = mix(blocks[1 - before], blocks[2 - before], across);
-        const float gain = gain_of(here);
-        AT(out, 0, y, x) = (AT(image, 0, y, x) + 0.5f * here.x) * gain;
-        AT(out, 1, y, x) = (AT(image, 1, y, x) + 0.5f * here.y) * gain;
-        AT(out, 2, y, x) = (AT(image, 2, y, x) + 0.5f * here.z) * gain;
+        const int x = bx + i - 1;
+        vec above, below;
+        if (x >= 0 && x + WIDTH - 1 <= last) {
+            above = VECTOR_AT(of_blocks, c, top, x);
+            below = VECTOR_AT(of_blocks, c, next, x);
+        } else {
+            float lanes[2][WIDTH];
+            for (int k = 0; k < WIDTH; k++) {
+                lanes[0][k] = AT(of_blocks, c, top, min(max(x + k, 0), last));
+                lanes[1][k] = AT(of_blocks, c, next, min(max(x + k, 0), last));
+            }
+            above = LOAD(lanes[0]);
+            below = LOAD(lanes[1]);
+        }
+        out[i] = above + (below - above) * down;
     }
 }
 
-/* The same for three planes of a layer, of which `own` was removed, with the gain that the colour has. */
-#define OWN_AT(y, x) (float3)(AT(own, 0, y, x), AT(own, 1, y, x), AT(own, 2, y, x))
-kernel void give_back_also(CONST_PLANES(image), CONST_PLANES(own), CONST_PLANES(removed), CONST_PLANES(bright), int height,
-                           int width, int first, int rows, PLANES(out))
+/* Interpolated at the SCALE WIDTH pixels of blocks bx to bx + WIDTH - 1, as they lie in a row. */
+inline void at_pixels(CONST_PLANES(of_blocks), int c, int top, int next, float down, int bx, int last, vec out[SCALE])
 {
-    const int bx = get_global_id(0), y = get_global_id(1);
+    vec blocks[3], phase[SCALE];
+    around(of_blocks, of_blocks_origin, of_blocks_row, of_blocks_plane, c, top, next, down, bx, last, blocks);
+#pragma unroll
+    for (int i = 0; i < SCALE; i++) {
+        int before;
+        const float across = between_blocks(i, &before);
+        phase[i] = blocks[1 - before] + (blocks[2 - before] - blocks[1 - before]) * across;
+    }
+#if SCALE == 4 && WIDTH > 1
+    vec even[2], odd[2];
+    weave(phase[0], phase[2], &even[0], &even[1]);
+    weave(phase[1], phase[3], &odd[0], &odd[1]);
+    weave(even[0], odd[0], &out[0], &out[1]);
+    weave(even[1], odd[1], &out[2], &out[3]);
+#else
+    for (int i = 0; i < SCALE; i++)
+        out[i] = phase[i];
+#endif
+}
+#define AT_PIXELS(p, c, out) at_pixels(p, p##_origin, p##_row, p##_plane, c, top, next, down, bx, last, out)
+
+/* To three planes, which have lost `own`, with the gain that all light together has: at most half as much again, whatever
+ * a fit has left of the surroundings. A work-item takes WIDTH blocks of a row. The image is rows `first` to `first + rows`
+ * of a frame of `height`. */
+kernel void give_back(CONST_PLANES(image), CONST_PLANES(own), CONST_PLANES(removed), CONST_PLANES(bright), int height,
+                      int width, int first, int rows, PLANES(out))
+{
+    const int bx = get_global_id(0) * WIDTH, y = get_global_id(1);
     const int last = (width - 1) / SCALE, bottom = (height - 1) / SCALE;
     if (bx > last || y >= rows)
         return;
-    int before, top, next;
+    int top, next;
     const float down = between_rows(first + y, bottom, &top, &next);
-    float4 blocks[3];
-    float3 owns[3];
-    for (int i = 0; i < 3; i++) {
-        const int x = clamp(bx + i - 1, 0, last);
-        blocks[i] = mix(BLOCK_AT(top, x), BLOCK_AT(next, x), down);
-        owns[i] = mix(OWN_AT(top, x), OWN_AT(next, x), down);
+    vec light[SCALE], mean[SCALE], back[SCALE], gain[SCALE];
+    AT_PIXELS(bright, 0, light);
+    for (int c = 0; c < 3; c++) {
+        AT_PIXELS(removed, c, back);
+        for (int i = 0; i < SCALE; i++)
+            mean[i] = c == 0 ? back[i] : mean[i] + back[i];
     }
-#pragma unroll
     for (int i = 0; i < SCALE; i++) {
-        const int x = bx * SCALE + i;
-        if (x >= width)
-            return;
-        const float across = between_blocks(i, &before);
-        const float3 back = mix(owns[1 - before], owns[2 - before], across);
-        const float gain = gain_of(mix(blocks[1 - before], blocks[2 - before], across));
-        AT(out, 0, y, x) = (AT(image, 0, y, x) + 0.5f * back.x) * gain;
-        AT(out, 1, y, x) = (AT(image, 1, y, x) + 0.5f * back.y) * gain;
-        AT(out, 2, y, x) = (AT(image, 2, y, x) + 0.5f * back.z) * gain;
+        mean[i] /= 3.f;
+        gain[i] = 1.f + 0.5f * mean[i] / larger(larger(light[i], mean[i]), (vec)(1e-9f));
+    }
+    for (int c = 0; c < 3; c++) {
+        AT_PIXELS(own, c, back);
+        for (int i = 0; i < SCALE; i++) {
+            const int x = bx * SCALE + i * WIDTH;
+            STORE((VECTOR_AT(image, c, y, x) + 0.5f * back[i]) * gain[i], out + INDEX(out, c, y, x));
+        }
     }
 }

@@ -8,6 +8,8 @@ from ..engine import Engine, Planes
 GROUP_BLOCK = 16
 #: The largest radius of windows that a CPU sums as they are.
 LARGEST_DIRECT = 4
+#: Pixels of an image for which steps cost more than work-items that have a column each.
+SMALL = 2**20
 
 
 def box_mean(engine: Engine, image: Planes, radius: int) -> Planes:
@@ -21,6 +23,24 @@ def box_mean(engine: Engine, image: Planes, radius: int) -> Planes:
     size = (*engine.tiles(height, width), channels)
     engine.launch("box", kernel, size, image, height, width, out, 1.0 / (2 * radius + 1), single=True)
     return out
+
+
+def box_thrice(engine: Engine, image: Planes, radius: int) -> Planes:
+    """`box_mean` of `box_mean` of `box_mean`; a CPU takes a small image three times down, then three times across."""
+    if engine.shape.schedule == "group" or image.height * image.width > SMALL:
+        for _ in range(3):
+            image = box_mean(engine, image, radius)
+        return image
+    for _ in range(2):
+        height, width, channels = image.height, image.width, image.channels
+        once, twice = (engine.planes(channels, height, width) for _ in range(2))
+        out = engine.planes(channels, width, height)
+        kernel = engine.kernel("box.cl", "box_thrice_transposed")
+        numbers = radius, 1.0 / (2 * radius + 1)
+        size = engine.vectors(width), channels
+        engine.launch("box", kernel, size, image, height, once, twice, out, *numbers, single=True)
+        image = out
+    return image
 
 
 def _pass(engine: Engine, image: Planes, radius: int) -> Planes:

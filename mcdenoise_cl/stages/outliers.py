@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ..engine import Engine, Planes
 from .also import each_layer, hold_back_also
-from .box import box_mean
+from .box import box_thrice
 from .pad import pad
 
 #: Pixels of a group stay if they stand out by more than so many standard deviations; one sample in many does by one.
@@ -97,7 +99,8 @@ class Light:
             self._also_removed = self._engine.planes(also_removed.channels, *self._size)
         for planes, blocks in ((removed, self._removed), (image, self._bright), (also_removed, self._also_removed)):
             if planes is not None:
-                size, out = (self._size[1], down, planes.channels), blocks.rows(first // self._scale, down)
+                size = self._engine.vectors(self._size[1]), down, planes.channels
+                out = blocks.rows(first // self._scale, down)
                 self._launch("block_means", size, planes, image.height, image.width, out)
 
     def blur(self) -> None:
@@ -112,10 +115,11 @@ class Light:
     def _limit(self) -> Planes:
         """Hold back what would outshine its surroundings: the part of each block's removed light that is left."""
         counted, kept = self._removed, self._engine.planes(1, *self._size)
+        left = [self._engine.constant(left_in_place(n, 2 * self._radius + 1)) for n in self._size]
         for _ in range(ROUNDS):
             level = self._blurred(self._brightness(counted, 1.0))
             limited = self._engine.planes(3, *self._size)
-            arguments = level, self._removed, counted, *self._size, 2 * self._radius + 1, limited, kept
+            arguments = level, self._removed, counted, *self._size, *left, limited, kept
             self._launch("limit_removed", self._size[::-1], *arguments)
             counted = limited
         self._removed = limited
@@ -128,26 +132,45 @@ class Light:
 
     def give_back(self, image: Planes, first: int) -> Planes:
         """A filtered band, which begins with row `first`, with the light that it gets: three planes."""
-        out = self._engine.planes(3, image.height, image.width)
-        arguments = image, self._removed, self._bright, self._height, self._width, first, image.height, out
-        self._launch("give_back", (self._size[1], image.height), *arguments)
-        return out
+        return self._give_back(image, self._removed, first)
 
     def give_back_also(self, layers: Planes, first: int) -> Planes:
         """The filtered layers of a band with the light that they get."""
-        height, out = layers.height, self._engine.planes(layers.channels, layers.height, layers.width)
-        numbers = self._height, self._width, first, height
-        for i, (layer, target) in enumerate(zip(each_layer(layers), each_layer(out), strict=True)):
-            own = self._also_removed.part(3 * i, 3)
-            arguments = layer, own, self._removed, self._bright, *numbers, target
-            self._launch("give_back_also", (self._size[1], height), *arguments)
+        return self._give_back(layers, self._also_removed, first)
+
+    def _give_back(self, layers: Planes, own: Planes, first: int) -> Planes:
+        out = self._engine.planes(layers.channels, layers.height, layers.width)
+        size = self._engine.vectors(self._size[1]), layers.height
+        numbers = self._height, self._width, first, layers.height
+        for layer, lost, target in zip(each_layer(layers), each_layer(own), each_layer(out), strict=True):
+            self._launch("give_back", size, layer, lost, self._removed, self._bright, *numbers, target)
         return out
 
     def _blurred(self, planes: Planes) -> Planes:
-        for _ in range(3):
-            planes = box_mean(self._engine, planes, self._radius)
-        return planes
+        return box_thrice(self._engine, planes, self._radius)
 
     def _launch(self, name: str, size: tuple[int, ...], *arguments) -> None:
         engine = self._engine
         engine.launch("outliers", engine.kernel("spread.cl", name, SCALE=self._scale), size, *arguments)
+
+
+def left_in_place(n: int, box: int) -> np.ndarray:
+    """What three boxes, each so many blocks wide, leave in its place of the light of each of n blocks in a row, (n,).
+
+    A quadratic spline and what its mirror images add. The first and the last block, which are not repeated, are images
+    of their own.
+    """
+    if n == 1:
+        return np.ones(1)
+    period = 2 * (n - 1)
+    images = 3 * box // (2 * period) + 1
+    repeated = period * np.arange(-images, images + 1)
+    mirrored = repeated - 2 * np.arange(1, n - 1)[:, None]
+    left = np.full(n, _spline(repeated / box).sum())
+    left[1:-1] += _spline(mirrored / box).sum(axis=1)
+    return left / box
+
+
+def _spline(t: np.ndarray) -> np.ndarray:
+    t = np.abs(t)
+    return np.where(t < 0.5, 0.75 - t**2, np.where(t < 1.5, 0.5 * (1.5 - t) ** 2, 0.0))
