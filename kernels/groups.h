@@ -8,7 +8,7 @@
  */
 #ifndef MCDENOISE_GROUPS_H
 #define MCDENOISE_GROUPS_H
-#include "common.h"
+#include "bundles.h"
 
 #define VARIABLES (FEATURES + 3)
 #define TERMS (FEATURES + 1)
@@ -24,6 +24,7 @@
 #define ROOM 1 /* no array is empty */
 #define SLOPES 1
 #endif
+#define QUANTITIES (1 + VARIABLES + PRODUCTS)
 #define SIDE (2 * RADIUS + 1)
 
 /* As planes, in this order. */
@@ -36,12 +37,15 @@ inline void join(const Group *a, const Group *b, Group *both)
 {
     const vec weight = a->weight + b->weight, part = b->weight / weight, common = a->weight * part;
     vec apart[VARIABLES];
+#pragma unroll
     for (int v = 0; v < VARIABLES; v++) {
         apart[v] = b->mean[v] - a->mean[v];
         both->mean[v] = a->mean[v] + part * apart[v];
     }
+#pragma unroll
     for (int v = 0; v < VARIABLES; v++) {
         const vec weighted = common * apart[v];
+#pragma unroll
         for (int f = 0; f < FEATURES && f <= v; f++) {
             const int i = PRODUCT(v, f);
             both->product[i] = a->product[i] + b->product[i] + weighted * apart[f];
@@ -61,15 +65,17 @@ inline vec mirrored(global const float *row, int x, int n)
     return LOAD(line);
 }
 
-/* Those of row y and from column x on, mirrored. */
+/* Those of row y, mirrored, and from column x on: mirrored as well or, in bundles, a multiple of WIDTH. */
 inline void load_group(CONST_PLANES(group), int y, int x, int height, int width, Group *out)
 {
+    vec *quantity = (vec *)out;
     global const float *row = group + INDEX(group, 0, reflect(y, height), 0);
-    out->weight = mirrored(row, x, width);
-    for (int v = 0; v < VARIABLES; v++)
-        out->mean[v] = mirrored(row + MEAN(v) * group_plane, x, width);
-    for (int i = 0; i < PRODUCTS; i++)
-        out->product[i] = mirrored(row + COVARIANCE(i) * group_plane, x, width);
+    for (int q = 0; q < QUANTITIES; q++)
+#ifdef BUNDLED
+        quantity[q] = LOAD(row + x * QUANTITIES + q * WIDTH);
+#else
+        quantity[q] = mirrored(row + q * group_plane, x, width);
+#endif
 }
 #define LOAD_GROUP(y, out) load_group(group, group_origin, group_row, group_plane, y, x, height, width, out)
 

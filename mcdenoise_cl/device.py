@@ -139,7 +139,7 @@ def shapes(device: cl.Device) -> list[Shape]:
     """The shapes that suit a device, the one to expect most of first.
 
     The tile schedule, for CPU runtimes, takes wide tiles of explicit vectors, whose scratch stays in a core's caches
-    and well inside the smallest stack seen: about 130 KB with the widest tile, half a megabyte with the largest deep
+    and well inside the smallest stack seen: about 220 KB with the widest tile, half a megabyte with the largest deep
     one. The group schedule is for anything else, whose own compiler makes the vectors. A group lies in one block of
     `terms`.
 

@@ -27,7 +27,7 @@ from mcdenoise_cl.device import Shape, context_for, shape_for
 from mcdenoise_cl.engine import Engine, Planes
 from mcdenoise_cl.frame import Frame
 from mcdenoise_cl.program import kernel_folder
-from mcdenoise_cl.stages import box
+from mcdenoise_cl.stages import box, box_fit
 from mcdenoise_cl.stages.pad import pad
 from mcdenoise_cl.stages.ssim import patch_ssim, patch_statistics
 from mcdenoise_cl.stages.terms import BLOCK_COLUMNS, BLOCK_ROWS
@@ -77,7 +77,7 @@ CASES = {
     "regression": Case("regression", (*FEATURES, *VARIANCES, KNOWN), parameters=FIT),
     "guided-color": Case("guided", parameters={"outliers": False}),
     "guided-exact": Case("guided", FEATURES, dtype="f8", parameters={"block": 1, "radius": 1}),
-    "guided": Case("guided", (*FEATURES, *VARIANCES, KNOWN), layers=1),
+    "guided": Case("guided", (*FEATURES, *VARIANCES, KNOWN), parameters={"residual_radius": 5}, layers=1),
     "guided-prefilter": Case(
         "guided", (*FEATURES, "normal_variance", *HALVES), parameters={"prefilter": True, "block": 3}
     ),
@@ -117,9 +117,9 @@ def small_shape(shape: Shape) -> Shape:
 @contextmanager
 def tight() -> Iterator[None]:
     """Planes end with a block of `terms`, than which nothing in `small_shape` is wider, so that what lies beyond shows;
-    and what a group transposes at a time is as small."""
+    and what a group transposes at a time, or a work-item of `box_fit` takes, is as small."""
     planes = mock.patch.multiple(engine, COLUMNS=BLOCK_COLUMNS, ROWS=BLOCK_ROWS, _SLACK=4)
-    with planes, mock.patch.object(box, "GROUP_BLOCK", 4):
+    with planes, mock.patch.object(box, "GROUP_BLOCK", 4), mock.patch.multiple(box_fit, CHUNK=8, TILES=1, ROWS=2):
         yield
 
 

@@ -11,7 +11,6 @@ from transfer import to_array, to_planes
 from mcdenoise_cl import Frame, denoise
 from mcdenoise_cl.methods import get_method
 from mcdenoise_cl.stages.box_fit import box_fit
-from mcdenoise_cl.stages.pad import stack
 
 SIZES = [(1, 1), (1, 9), (7, 1), (3, 2), (13, 17), (24, 40)]
 RIDGES = {"ridge": 0.02, "noise_ridge": 0.7, "floor": 1e-4}
@@ -41,9 +40,15 @@ def guides(scene, names):
 
 
 def fit(engine, color, variance, features, noise, **options):
-    given = [color, variance, features, noise]
-    planes = [None if image is None else stack(engine, [to_planes(engine, image)], 0) for image in given]
-    return to_array(engine, box_fit(engine, *planes, **options)[0])
+    planes = [to_planes(engine, image) for image in (color, variance)]
+    sets = [[] if images is None else in_sets(engine, images) for images in (features, noise)]
+    return to_array(engine, box_fit(engine, *planes, *sets, **options)[0])
+
+
+def in_sets(engine, images):
+    """Up to three sets of planes, as unequal as they can be."""
+    cuts = [c for c in (1, 3) if c < images.shape[-1]]
+    return [to_planes(engine, np.ascontiguousarray(part)) for part in np.split(images, cuts, axis=-1)]
 
 
 @pytest.mark.parametrize(("height", "width"), SIZES)
@@ -69,6 +74,16 @@ def test_box_fit_of_other_windows(engine, block, radius, residual_radius, relati
     out = fit(engine, scene["color"], scene["color_variance"], features, noise, **options, residual_noise=0.8)
     expected = theory.box_fit(scene["color"], scene["color_variance"], features, noise, **options, residual_noise=0.8)
     close(out, expected, tolerance=1e-4)
+
+
+@pytest.mark.parametrize("radius", [0, 1, 2])
+def test_windows_over_the_seams_of_tiles(engine, radius):
+    """A work-item has its share of a row of blocks and of the rows; what its windows reach beyond is of others."""
+    scene = full_scene(37, 301)
+    features, noise = guides(scene, ("albedo", "normal", "depth"))
+    options = {**WINDOWS, **RIDGES, "radius": radius, "relative": 2.0, "residual_noise": 1.0}
+    given = scene["color"], scene["color_variance"], features, noise
+    close(fit(engine, *given, **options), theory.box_fit(*given, **options), tolerance=1e-4)
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 9), (3, 2), (9, 40), (41, 3), (24, 40)])

@@ -13,7 +13,6 @@ from ..engine import Engine, Planes
 from ..stages.box import rows_each
 from ..stages.box_fit import LIGHT_RADIUS, box_fit
 from ..stages.outliers import spread_removed
-from ..stages.pad import stack
 from ..stages.source import ALSO
 from ..stages.variance import scale_back
 from .facts import Facts, exposed
@@ -127,17 +126,17 @@ def run(engine: Engine, planes: dict[str, Planes], p: Parameters, facts: Facts |
 
 def _guides(
     engine: Engine, planes: dict[str, Planes], prefiltered: bool, facts: Facts | None
-) -> tuple[Planes | None, Planes | None]:
-    """The features that are there as planes of order 1, and the variances of their noise; None where there is none."""
+) -> tuple[list[Planes], list[Planes]]:
+    """The features that are there as planes of order 1, and the variances of their noise; none if there are none."""
     names = [name for name in FEATURES if name in planes]
     noisy = any(f"{name}_variance" in planes for name in names)
     if not names:
-        return None, None
+        return [], []
     if prefiltered and noisy:
         guides, noises = zip(*features(engine, planes, facts), strict=True)
     else:
         guides, noises = zip(*(_plain(engine, planes, name, noisy, facts) for name in names), strict=True)
-    return stack(engine, list(guides), 0), stack(engine, list(noises), 0) if noisy else None
+    return list(guides), list(noises) if noisy else []
 
 
 def _plain(

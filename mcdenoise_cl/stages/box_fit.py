@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+
 from ..engine import LARGEST, Engine, Planes
 from .also import bound_also, each_layer
 from .box import box_mean
@@ -10,16 +13,20 @@ from .box import box_mean
 LIGHT_RADIUS = 2
 #: The largest radius of windows whose rows are joined group by group.
 LARGEST_DIRECT = 2
-#: Pixels of a plane that a work-item on a CPU reads at a time.
-CHUNK = 512
+#: Pixels of a plane that a work-item on a CPU reads at a time: long pieces of rows are what processors foresee.
+CHUNK = 2560
+#: Tiles beside each other that a work-item joins windows of: each tile less has a vector more at either end.
+TILES = 2
+#: Rows of blocks that a work-item gives functions to: it averages those of two rows more.
+ROWS = 8
 
 
 def box_fit(
     engine: Engine,
     color: Planes,
     variance: Planes,
-    features: Planes | None,
-    noise: Planes | None,
+    features: Sequence[Planes],
+    noise: Sequence[Planes],
     *,
     block: int,
     radius: int,
@@ -42,8 +49,8 @@ def box_fit(
 
     Args:
         color, variance: three planes each, in exposed units; the variance of the pixel mean.
-        features: planes of order 1; None for none, which leaves weighted means.
-        noise: the variance of each feature; None for exact ones.
+        features: up to three sets of planes of order 1; none leave weighted means.
+        noise: the variances of each set; none for exact ones.
         block: side of a block in pixels.
         radius, residual_radius: windows are (2 r + 1)² blocks.
         relative: 0 counts errors as they are, 2 relative to the luminance of the surroundings.
@@ -60,63 +67,70 @@ def box_fit(
     """
     height, width = color.height, color.width
     rows, columns = -(-height // block), -(-width // block)
-    count = features.channels if features else 0
-    guides = [features] if features else []
-    noises = [noise] if noise else []
-    blocks = (engine.vectors(columns), rows)
-    chunk = engine.shape.width
-    if engine.shape.schedule == "tile":
-        chunk *= max(1, CHUNK // block**2 // chunk)
-    chunks = (-(-columns // chunk), rows)
-    defines = {"FEATURES": count, "BLOCK": block, "RADIUS": radius, "CHUNK": chunk}
-    if noise:
-        defines["NOISE"] = None
+    count = sum(feature.channels for feature in features)
+    wide = engine.shape.width
+    in_tiles = engine.shape.schedule == "tile"
+    bundled = in_tiles and radius <= LARGEST_DIRECT
+    chunk = max(CHUNK // block**2 // wide, 1) * wide if in_tiles else 1
+    joint, deep = (TILES * engine.shape.tile[0], ROWS) if bundled else (chunk, 1)
+    sizes = itertools.zip_longest(("FIRST", "SECOND", "THIRD"), (each.channels for each in features), fillvalue=0)
+    defines = {"FEATURES": count, **dict(sizes), "BLOCK": block, "RADIUS": radius}
+    defines |= {"NOISE": None} if noise else {}
+    defines |= {"BUNDLED": None} if bundled else {}
 
     def launch(name: str, size: tuple[int, int], *arguments, file: str = "box_fit.cl", **more: int) -> None:
-        kernel = engine.kernel(file, f"box_fit_{name}", **defines, **more)
-        engine.launch("box fit", kernel, size, *arguments, single=True)
+        kernel = engine.kernel(file, f"box_fit_{name}", **{"CHUNK": chunk, **defines, **more})
+        engine.launch("box fit", kernel, size, *arguments, single=name not in ("luminance", "share"))
 
     light = engine.planes(1, height, width)
     launch("luminance", (engine.vectors(width), height), color, height, width, light)
     light = box_mean(engine, light, LIGHT_RADIUS)
 
+    def of_blocks(channels: int) -> Planes:
+        """Planes of blocks, or bundles of them (kernels/bundles.h)."""
+        if not bundled:
+            return engine.planes(channels, rows, columns)
+        row = engine.vectors(columns) * wide * channels
+        return Planes(engine.memory(4 * rows * row), channels, rows, columns, border=0, row=row, plane=wide)
+
     def solved(groups: Planes) -> Planes:
-        """The function of each window."""
+        """The function of each window; if they are no bundles, averaged over the windows around."""
         window = 2 * radius + 1
         phase = first // block % window
         stretches = -(-(rows + phase) // window)
-        fit = engine.planes(3 * (count + 1), rows, columns)
+        fit = of_blocks(3 * (count + 1))
         regularised = float(ridge), float(floor), fit
         file = "box_fit_windows.cl"
-        if engine.shape.schedule == "tile" and radius <= LARGEST_DIRECT:
-            wide = engine.shape.tile[0]
-            size = -(-columns // wide), stretches
-            launch("windows", size, groups, rows, columns, phase, *regularised, file=file, COLUMNS=wide)
+        if bundled:
+            size = -(-columns // joint), stretches
+            launch("windows", size, groups, rows, columns, phase, *regularised, file=file, CHUNK=joint)
             return fit
         joined = engine.planes(groups.channels, columns, rows)
         launch("columns", (stretches, engine.vectors(columns)), groups, rows, columns, phase, joined, file=file)
         size = -(-columns // window), engine.vectors(rows)
         launch("solve", size, joined, columns, rows, *regularised, file=file)
-        return fit
+        return box_mean(engine, fit, radius)
 
     def fitted(target: Planes) -> tuple[Planes, Planes]:
         """What the features explain of three planes, and the squares of what they do not."""
-        group = 1 + (count + 3) + count * (count + 1) // 2 + 3 * count
-        groups = engine.planes(group, rows, columns)
-        numbers = height, width, float(relative), float(noise_ridge)
-        launch("blocks", chunks, light, target, *guides, *noises, *numbers, groups)
-        fit = box_mean(engine, solved(groups), radius)
+        groups = of_blocks(1 + (count + 3) + count * (count + 1) // 2 + 3 * count)
+        size, numbers = (-(-columns // chunk), rows), (height, width, float(relative), float(noise_ridge))
+        launch("blocks", size, light, target, *features, *noise, *numbers, groups)
+        fit = solved(groups)
         out, left = engine.planes(3, height, width), engine.planes(2, rows, columns)
-        launch("apply", chunks, fit, light, target, variance, *guides, height, width, float(relative), out, left)
+        size = -(-columns // joint), -(-rows // deep)
+        arguments = fit, light, target, variance, *features, height, width, float(relative), out, left
+        launch("apply", size, *arguments, file="box_fit_apply.cl", CHUNK=joint, ROWS=deep)
         return out, left
 
     def restored(target: Planes, fit: Planes, out: Planes) -> None:
-        launch("restore", blocks, share, target, fit, height, width, 0.0 if also is None else -LARGEST, out)
+        size = engine.vectors(columns), rows
+        launch("restore", size, share, target, fit, height, width, 0.0 if also is None else -LARGEST, out)
 
     fit, residual = fitted(color)
     residual = box_mean(engine, residual, residual_radius)
     share, out = engine.planes(1, rows, columns), engine.planes(3, height, width)
-    launch("share", blocks, residual, rows, columns, float(residual_noise), share)
+    launch("share", (engine.vectors(columns), rows), residual, rows, columns, float(residual_noise), share)
     restored(color, fit, out)
     if also is None:
         return out, None
