@@ -40,7 +40,7 @@ kernel void box_direct(CONST_PLANES(in), int height, int width, PLANES(out), flo
             for (int k = 0; k <= 2 * RADIUS; k++)
                 if (k != RADIUS)
                     sum += LOAD(means + i + k) - middle;
-            STORE(middle + sum * scale, out + INDEX(out, c, y, x + i));
+            STREAM(middle + sum * scale, out + INDEX(out, c, y, x + i));
         }
     }
 }
