@@ -89,9 +89,15 @@ kernel void box_fit_blocks(CONST_PLANES(light), CONST_PLANES(color) SETS(feature
                 for (int i = 0; i < PIXELS; i++)
                     own.product[PRODUCT(a, b)] += weighted[i] * delta[b][i];
         }
+        /* By name: as an array, some compilers (Mesa 22.3) find the first member in every place. */
+        const int place = PLACE(x + v, QUANTITIES);
+        STREAM(own.weight, out + INDEX(out, 0, y, place));
 #pragma unroll
-        for (int q = 0; q < QUANTITIES; q++)
-            STREAM(((const vec *)&own)[q], out + INDEX(out, q, y, PLACE(x + v, QUANTITIES)));
+        for (int a = 0; a < VARIABLES; a++)
+            STREAM(own.mean[a], out + INDEX(out, MEAN(a), y, place));
+#pragma unroll
+        for (int i = 0; i < PRODUCTS; i++)
+            STREAM(own.product[i], out + INDEX(out, COVARIANCE(i), y, place));
     }
 }
 

@@ -66,16 +66,21 @@ inline vec mirrored(global const float *row, int x, int n)
 }
 
 /* Those of row y, mirrored, and from column x on: mirrored as well or, in bundles, a multiple of WIDTH. */
+#ifdef BUNDLED
+#define QUANTITY(q) LOAD(row + x * QUANTITIES + (q) * WIDTH)
+#else
+#define QUANTITY(q) mirrored(row + (q) * group_plane, x, width)
+#endif
 inline void load_group(CONST_PLANES(group), int y, int x, int height, int width, Group *out)
 {
-    vec *quantity = (vec *)out;
     global const float *row = group + INDEX(group, 0, reflect(y, height), 0);
-    for (int q = 0; q < QUANTITIES; q++)
-#ifdef BUNDLED
-        quantity[q] = LOAD(row + x * QUANTITIES + q * WIDTH);
-#else
-        quantity[q] = mirrored(row + q * group_plane, x, width);
-#endif
+    out->weight = QUANTITY(0);
+#pragma unroll
+    for (int v = 0; v < VARIABLES; v++)
+        out->mean[v] = QUANTITY(MEAN(v));
+#pragma unroll
+    for (int i = 0; i < PRODUCTS; i++)
+        out->product[i] = QUANTITY(COVARIANCE(i));
 }
 #define LOAD_GROUP(y, out) load_group(group, group_origin, group_row, group_plane, y, x, height, width, out)
 
