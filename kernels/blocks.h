@@ -3,6 +3,7 @@
 #define MCDENOISE_BLOCKS_H
 #include "fast_math.h"
 #include "groups.h"
+#include "interleave.h"
 
 #define PIXELS (BLOCK * BLOCK)
 
@@ -55,10 +56,7 @@ inline void give(const vec values[BLOCK], global float *row, int x, int n)
 #if BLOCK == 2 && WIDTH > 1
     if (x + 2 * WIDTH <= n) {
         vec low, high;
-        low.even = values[0].lo;
-        low.odd = values[1].lo;
-        high.even = values[0].hi;
-        high.odd = values[1].hi;
+        weave(values[0], values[1], &low, &high);
         STREAM(low, row + x);
         STREAM(high, row + x + WIDTH);
         return;
@@ -88,7 +86,8 @@ inline void gather(CONST_PLANES(in), int planes, int y, int x, int height, int w
 }
 #define GATHER(p, planes, out) gather(p, p##_origin, p##_row, p##_plane, planes, y, x, height, width, out)
 #if THIRD > 0
-#define GATHER_SETS(p, out) GATHER(p##1, FIRST, out), GATHER(p##2, SECOND, out + FIRST), GATHER(p##3, THIRD, out + FIRST + SECOND)
+#define GATHER_SETS(p, out) \
+    GATHER(p##1, FIRST, out), GATHER(p##2, SECOND, out + FIRST), GATHER(p##3, THIRD, out + FIRST + SECOND)
 #elif SECOND > 0
 #define GATHER_SETS(p, out) GATHER(p##1, FIRST, out), GATHER(p##2, SECOND, out + FIRST)
 #elif FIRST > 0

@@ -1,4 +1,4 @@
-/* Three channels that follow each other in memory, WIDTH pixels in three vectors, and the same in planes. */
+/* Values that take turns in memory, and the same in vectors of their own: three channels, or any two vectors. */
 #ifndef MCDENOISE_INTERLEAVE_H
 #define MCDENOISE_INTERLEAVE_H
 #include "common.h"
@@ -38,5 +38,19 @@ INLINE void put_together(vec r, vec g, vec b, vec out[3])
     out[2] = (vec)(b.sa, r.sb, g.sb, b.sb, r.sc, g.sc, b.sc, r.sd, g.sd, b.sd, r.se, g.se, b.se, r.sf, g.sf, b.sf);
 #endif
 }
+
+#if WIDTH > 1
+/* One of a, one of b, and so on: as many in each of two vectors. */
+INLINE void weave(vec a, vec b, vec *first, vec *second)
+{
+    vec low, high;
+    low.even = a.lo;
+    low.odd = b.lo;
+    high.even = a.hi;
+    high.odd = b.hi;
+    *first = low;
+    *second = high;
+}
+#endif
 
 #endif

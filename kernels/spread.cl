@@ -5,7 +5,7 @@
  *
  * The blur is wide, so it is made of the means of blocks of SCALE x SCALE pixels, and interpolated between them.
  */
-#include "common.h"
+#include "interleave.h"
 
 #if WIDTH > 1
 /* The sums of neighbours: of a, then of b. */
@@ -15,18 +15,6 @@ inline vec pairs(vec a, vec b)
     sum.lo = a.even + a.odd;
     sum.hi = b.even + b.odd;
     return sum;
-}
-
-/* One of a, one of b, and so on: as many in each of two vectors. */
-inline void weave(vec a, vec b, vec *first, vec *second)
-{
-    vec low, high;
-    low.even = a.lo;
-    low.odd = b.lo;
-    high.even = a.hi;
-    high.odd = b.hi;
-    *first = low;
-    *second = high;
 }
 #endif
 

@@ -67,6 +67,7 @@ def box_fit(
     """
     height, width = color.height, color.width
     rows, columns = -(-height // block), -(-width // block)
+    blocks = engine.vectors(columns), rows
     count = sum(feature.channels for feature in features)
     wide = engine.shape.width
     in_tiles = engine.shape.schedule == "tile"
@@ -124,13 +125,12 @@ def box_fit(
         return out, left
 
     def restored(target: Planes, fit: Planes, out: Planes) -> None:
-        size = engine.vectors(columns), rows
-        launch("restore", size, share, target, fit, height, width, 0.0 if also is None else -LARGEST, out)
+        launch("restore", blocks, share, target, fit, height, width, 0.0 if also is None else -LARGEST, out)
 
     fit, residual = fitted(color)
     residual = box_mean(engine, residual, residual_radius)
     share, out = engine.planes(1, rows, columns), engine.planes(3, height, width)
-    launch("share", (engine.vectors(columns), rows), residual, rows, columns, float(residual_noise), share)
+    launch("share", blocks, residual, rows, columns, float(residual_noise), share)
     restored(color, fit, out)
     if also is None:
         return out, None
