@@ -79,7 +79,7 @@ kernel void box_fit_apply(CONST_PLANES(fit), CONST_PLANES(light), CONST_PLANES(c
 #pragma unroll
             for (int j = 0; j < BLOCK; j++) {
                 const int row = y * BLOCK + j;
-                if (row >= height)
+                if (j > 0 && row >= height) /* the first one is there, in blocks of one row for compilers to see */
                     break;
                 int above, before;
                 const float down = between(j, &above);

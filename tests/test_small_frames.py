@@ -1,4 +1,4 @@
-"""Small frames: they launch every kernel, and what memory held before reaches no result."""
+"""Small frames: they launch every kernel, none compiles with a warning, and what memory held reaches no result."""
 
 import math
 
@@ -7,6 +7,7 @@ import pyopencl as cl
 import pytest
 import small_frames
 
+from mcdenoise_cl import program
 from mcdenoise_cl.device import SCHEDULE_VARIABLE, SCHEDULES, context_for
 
 
@@ -18,14 +19,24 @@ def queue(request, device, can_be_right, monkeypatch):
     return cl.CommandQueue(context_for(device), device)
 
 
-def test_no_kernel_is_left_out(device, monkeypatch):
+def test_every_kernel_is_launched_and_compiles_without_a_warning(device, monkeypatch):
     queue = cl.CommandQueue(context_for(device), device)
+    built, build = set(), program.build
+
+    def noted(context, file, defines):
+        built.add((file, *sorted(f"-D{n}" if value is None else f"-D{n}={value}" for n, value in defines.items())))
+        return build(context, file, defines)
+
+    monkeypatch.setattr(program, "build", noted)
     with small_frames.recorded() as launched:
         for schedule in SCHEDULES:
             monkeypatch.setenv(SCHEDULE_VARIABLE, schedule)
             for name in small_frames.NAMES:
                 small_frames.run(name, queue)
     assert launched == small_frames.kernels()
+    strict = ["-cl-std=CL1.2", "-Werror"]  # so a warning is an error
+    for file, *options in built:
+        cl.Program(queue.context, program.source(file)).build([*strict, *options], cache_dir=False)
 
 
 @pytest.mark.parametrize("name", small_frames.NAMES)

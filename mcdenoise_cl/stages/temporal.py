@@ -72,12 +72,13 @@ def look_at(
 
 
 def match_costs(engine: Engine, own: Look, other: Look) -> Planes:
-    """How much each block of 8x8 pixels differs from `other` at each offset: a plane an offset, row by row."""
+    """How much each block of 8x8 pixels differs from `other` at each offset: a plane an offset, row by row. Beside each
+    row of blocks, to both sides, is a 0."""
     height, width = own.light.height, own.light.width
     down, across, offsets = -(-height // BLOCK), -(-width // BLOCK), (2 * SEARCH_RADIUS + 1) ** 2
-    costs = engine.planes(offsets, down, across)
-    kernel = _kernel(engine, "match_costs", own)
-    size = across, down, 2 * SEARCH_RADIUS + 1
+    costs = engine.planes(offsets, down, across, 1)
+    kernel = _kernel(engine, "motion.cl", "match_costs", own)
+    size = 2 * SEARCH_RADIUS + 1, across, down
     engine.launch("motion", kernel, size, own.guide, other.guide, height, width, costs, single=True)
     return costs
 
@@ -87,8 +88,8 @@ def find_motion(engine: Engine, own: Look, other: Look) -> Planes:
     much it differs there."""
     costs = match_costs(engine, own, other)
     motion = engine.planes(3, costs.height, costs.width)
-    size, arguments = (costs.width, costs.height), (costs, own.light.height, own.light.width, motion)
-    engine.launch("motion", _kernel(engine, "find_motion", own), size, *arguments)
+    size, arguments = (_vectors(engine, costs.width), costs.height), (costs, own.light.height, own.light.width, motion)
+    engine.launch("motion", _kernel(engine, "motion.cl", "find_motion", own), size, *arguments)
     return motion
 
 
@@ -98,10 +99,10 @@ def choose_motion(engine: Engine, own: Look, other: Look, given: Planes) -> Plan
     found = find_motion(engine, own, other)
     costs = engine.planes(2, found.height, found.width)
     arguments = own.guide, other.guide, given, height, width, costs
-    engine.launch("motion", _kernel(engine, "vector_costs", own), (found.width, found.height), *arguments)
+    engine.launch("motion", _kernel(engine, "motion.cl", "vector_costs", own), (found.width, found.height), *arguments)
     motion = engine.planes(2, height, width)
     arguments = found, costs, given, height, width, motion
-    engine.launch("motion", _kernel(engine, "choose_motion", own), (width, height), *arguments)
+    engine.launch("motion", _kernel(engine, "motion.cl", "choose_motion", own), (width, height), *arguments)
     return motion
 
 
@@ -124,13 +125,13 @@ def weigh(engine: Engine, own: Look, other: Look, motion: Planes, total: Planes)
     """Compare a frame with another one where it has moved to; `total`, one plane, grows by the weights."""
     height, width = own.light.height, own.light.width
     tests, taps = engine.planes(8, height, width), engine.planes(4, height, width)
-    size, block = (width, height), _block(motion, own)
+    size, block = (_vectors(engine, width), height), _block(motion, own)
     arguments = own.guide, other.guide, own.light, other.light, motion, block, height, width, tests, taps
-    engine.launch("compare", _kernel(engine, "compare", own), size, *arguments)
+    engine.launch("compare", _kernel(engine, "temporal.cl", "compare", own), size, *arguments)
     mismatch = box_mean(engine, tests.part(0, 1), MISMATCH_RADIUS)
     light = box_mean(engine, tests.part(1, 7), LIGHT_RADIUS)
     arguments = mismatch, light, height, width, taps, total
-    engine.launch("compare", _kernel(engine, "weigh", own), size, *arguments)
+    engine.launch("compare", _kernel(engine, "temporal.cl", "weigh", own), size, *arguments)
     return Weights(taps, motion, other)
 
 
@@ -142,18 +143,18 @@ def accumulate(engine: Engine, sums: Planes, other: Planes, weights: Weights, *,
         light: it is colour, of which outliers stay single pixels.
     """
     block = _block(weights.motion, weights.look)
-    kernel = _kernel(engine, "accumulate", weights.look)
+    kernel = _kernel(engine, "temporal.cl", "accumulate", weights.look)
     height, width = sums.height, sums.width
     arguments = other, weights.look.factor, weights.taps, weights.motion, block, sums.channels, height, width
-    engine.launch("merge", kernel, (width, height), *arguments, int(squared), int(light), sums)
+    engine.launch("merge", kernel, (_vectors(engine, width), height), *arguments, int(squared), int(light), sums)
 
 
 def normalise(engine: Engine, sums: Planes, total: Planes, look: Look, *, squared: bool) -> Planes:
     """The mean that `accumulate` has summed."""
     out = engine.planes(sums.channels, sums.height, sums.width)
-    size = sums.width, sums.height, sums.channels
+    size = _vectors(engine, sums.width), sums.height, sums.channels
     arguments = sums, total, sums.height, sums.width, int(squared), out
-    engine.launch("merge", _kernel(engine, "normalise", look), size, *arguments)
+    engine.launch("merge", _kernel(engine, "temporal.cl", "normalise", look), size, *arguments)
     return out
 
 
@@ -161,14 +162,28 @@ def _block(motion: Planes, look: Look) -> int:
     return 1 if (motion.height, motion.width) == (look.light.height, look.light.width) else BLOCK
 
 
-def _kernel(engine: Engine, name: str, look: Look) -> cl.Kernel:
-    """All of them are one program for a set of features."""
+def _lanes(engine: Engine) -> int:
+    """Pixels of a block move alike, so vectors are no wider."""
+    return min(engine.shape.width, BLOCK)
+
+
+def _vectors(engine: Engine, width: int) -> int:
+    return -(-width // _lanes(engine))
+
+
+def _kernel(engine: Engine, file: str, name: str, look: Look) -> cl.Kernel:
+    """Each file is one program for a set of features."""
     channels = [1 if feature == "depth" else 3 for feature in look.names]
-    defines = {"SEARCH_RADIUS": SEARCH_RADIUS, "FARTHEST": FARTHEST, "PIXELS": (2 * LIGHT_RADIUS + 1) ** 2}
+    defines = {
+        "WIDTH": _lanes(engine),
+        "SEARCH_RADIUS": SEARCH_RADIUS,
+        "FARTHEST": FARTHEST,
+        "PIXELS": (2 * LIGHT_RADIUS + 1) ** 2,
+    }
     defines |= {"CHANNELS": sum(channels), "GROUPS": len(channels)}
     for group, feature in enumerate(look.names):
         defines |= {feature.upper(): sum(channels[:group]), f"{feature.upper()}_NOISE": group}
-    return engine.kernel("temporal.cl", name, **defines)
+    return engine.kernel(file, name, **defines)
 
 
 def copies(engine: Engine, planes: Iterable[Planes]) -> list[Planes]:
